@@ -1,0 +1,442 @@
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <system_error>
+
+#include "bus/pose_messages.h"
+#include "bus/raw.h"
+#include "bus/topics.h"
+#include "clients/cli/common.h"
+#include "clients/recorder/coach_replay.h"
+#include "coach/align/aligner.h"
+#include "coach/correct/correction.h"
+#include "coach/score/repetition_scorer.h"
+#include "motion/angle_csv.h"
+#include "motion/bvh.h"
+#include "recording/mcap_reader.h"
+#include "recording/mcap_writer.h"
+#include "server/open_source.h"
+
+/// Commands on files: look, convert, align, score, replay.
+namespace secondskin::cli {
+namespace {
+
+namespace fs = std::filesystem;
+namespace msg = bus::msg;
+using nlohmann::json;
+
+constexpr const char* kPhaseNames[] = {"waiting", "moving", "paused", "finished", "lost"};
+
+double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+// ---- export
+
+/// Writes beside the file's place and renames, so that the file appears whole or not at all.
+void write_whole(const fs::path& file, const std::function<void(std::ostream&)>& fill) {
+  fs::path part = file;
+  part += ".part";
+  std::ofstream out(part, std::ios::binary);
+  if (!out) {
+    throw std::system_error(errno, std::generic_category(),
+                            fmt::format("{}: cannot be written", file.string()));
+  }
+  fill(out);
+  out.close();
+  if (!out) {
+    const int error = errno;
+    fs::remove(part);
+    throw std::system_error(error, std::generic_category(),
+                            fmt::format("{}: cannot be written", file.string()));
+  }
+  fs::rename(part, file);
+}
+
+void export_csv(server::PoseSource& source, const fs::path& file) {
+  write_whole(file, [&](std::ostream& out) {
+    write_angle_csv_header(out);
+    StampedPose pose;
+    std::int64_t start = 0;
+    for (bool first = true; source.next(pose); first = false) {
+      if (first) start = pose.stamp_ns;
+      if (pose.pose.is_valid()) write_angle_csv_row(out, seconds(pose.stamp_ns - start), pose.pose);
+    }
+  });
+}
+
+void export_mcap(server::PoseSource& source, const std::string& name, const Library& library,
+                 const fs::path& file) {
+  std::ifstream idl_file(library.idl());
+  const std::string idl{std::istreambuf_iterator<char>(idl_file), {}};
+  recording::McapWriter writer(file);
+  const auto bodies = writer.add_channel("/secondskin/export/skeleton",
+                                         "secondskin_msgs::msg::SkeletonDefinition", "omgidl", idl);
+  const auto poses = writer.add_channel("/secondskin/export/pose",
+                                        "secondskin_msgs::msg::SkeletonPose", "omgidl", idl);
+  const std::uint32_t id = bus::skeleton_id(source.skeleton());
+  StampedPose pose;
+  msg::SkeletonPose message;
+  std::uint32_t count = 0;
+  while (source.next(pose)) {
+    if (count == 0) {
+      msg::SkeletonDefinition body;
+      bus::to_message(source.skeleton(), name, source.rate_hz(), body);
+      body.publish_ns(pose.stamp_ns);
+      writer.write(bodies, 1, pose.stamp_ns, pose.stamp_ns, bus::encode(body));
+    }
+    bus::to_message(pose, id, message);
+    message.header().publish_ns(pose.stamp_ns);
+    writer.write(poses, ++count, pose.stamp_ns, pose.stamp_ns, bus::encode(message));
+  }
+  writer.close();
+}
+
+void export_command(CLI::App& app) {
+  struct Options {
+    std::string source;
+    fs::path to;
+    FileOptions file;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("export", "run a source as fast as it can into a file");
+  command->footer(
+      "Example:  secondskin export session.mcap --to angles.csv\n"
+      "csv: time, root position, every joint's anatomical angles in degrees. bvh: canonical body,\n"
+      "metres, z up. mcap: skeleton and poses.");
+  command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")->required();
+  command->add_option("--to", options->to, "FILE.bvh, FILE.csv or FILE.mcap")->required();
+  add_file_options(*command, options->file);
+  command->callback([options] {
+    const Library library;
+    const auto source =
+        server::open_source(options->source, library.joint_maps(), options->file.retarget());
+    const std::string kind = options->to.extension().string();
+    if (kind == ".csv") {
+      export_csv(*source, options->to);
+    } else if (kind == ".bvh") {
+      write_bvh(server::read_all(*source), options->to);
+    } else if (kind == ".mcap") {
+      export_mcap(*source, options->source, library, options->to);
+    } else {
+      throw std::runtime_error(
+          fmt::format("--to {}: expected .bvh, .csv or .mcap", options->to.string()));
+    }
+    spdlog::info("wrote {}", options->to.string());
+  });
+}
+
+// ---- align and score: the coach's own stages over a file
+
+/// Runs the aligner over a source; `look` gets every pose with its estimate.
+template <class Look>
+void follow(const std::shared_ptr<const coach::Reference>& reference, server::PoseSource& source,
+            Look look) {
+  coach::Aligner aligner(reference);
+  StampedPose pose;
+  std::int64_t start = 0;
+  for (bool first = true; source.next(pose); first = false) {
+    if (first) start = pose.stamp_ns;
+    // Stamps count from one millisecond: 0 means "none" to the stages.
+    pose.stamp_ns += 1'000'000 - start;
+    look(pose, aligner.update(pose.stamp_ns, pose.pose), seconds(pose.stamp_ns - 1'000'000));
+  }
+}
+
+void align_command(CLI::App& app) {
+  struct Options {
+    std::string reference, source;
+    FileOptions file;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("align", "say for each frame where in the reference it is");
+  command->footer("Example:  secondskin align --reference squat my_squats.bvh --json");
+  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")->required();
+  command->add_flag("--json", options->json, "one JSON object a line");
+  add_file_options(*command, options->file);
+  command->callback([options] {
+    const Library library;
+    const auto reference = library.load_reference(options->reference);
+    const auto source =
+        server::open_source(options->source, library.joint_maps(), options->file.retarget());
+    if (!options->json) {
+      fmt::print("{:>8} {:>11} {:>6} {:>10} {:>8} {:>10}\n", "t", "reference_t", "tempo",
+                 "confidence", "phase", "repetition");
+    }
+    follow(reference, *source,
+           [&](const StampedPose&, const coach::AlignmentEstimate& e, double t) {
+             const char* phase = kPhaseNames[static_cast<int>(e.phase)];
+             if (options->json) {
+               fmt::print("{}\n", json{{"t", t},
+                                       {"reference_t", e.reference_time},
+                                       {"tempo", e.tempo},
+                                       {"confidence", e.confidence},
+                                       {"phase", phase},
+                                       {"repetition", e.repetition}}
+                                      .dump());
+             } else {
+               fmt::print("{:8.3f} {:11.3f} {:6.2f} {:10.2f} {:>8} {:10}\n", t, e.reference_time,
+                          e.tempo, e.confidence, phase, e.repetition);
+             }
+           });
+  });
+}
+
+json to_json(const std::string& source, const coach::RepetitionScore& score) {
+  json joints = json::object();
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    joints[std::string(joint_name(static_cast<Joint>(j)))] = {
+        {"rms_deg", deg(score.joints[j].rms)},
+        {"peak_deg", deg(score.joints[j].peak)},
+        {"in_band", score.joints[j].in_band}};
+  }
+  return {{"source", source},
+          {"start_s", seconds(score.start_ns - 1'000'000)},
+          {"end_s", seconds(score.end_ns - 1'000'000)},
+          {"total", score.total},
+          {"joints", joints}};
+}
+
+void score_command(CLI::App& app) {
+  struct Options {
+    std::string reference;
+    std::vector<std::string> sources;
+    FileOptions file;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("score", "score each repetition in recordings");
+  command->footer("Example:  secondskin score --reference squat monday.mcap friday.mcap --json");
+  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command->add_option("source", options->sources, "replay:FILE or FILE (.bvh, .mcap)")->required();
+  command->add_flag("--json", options->json, "one JSON object");
+  add_file_options(*command, options->file);
+  command->callback([options] {
+    const Library library;
+    const auto reference = library.load_reference(options->reference);
+    json all = json::array();
+    for (const auto& name : options->sources) {
+      const auto source = server::open_source(name, library.joint_maps(), options->file.retarget());
+      coach::RepetitionScorer scorer(reference);
+      coach::JointVectors error = coach::zero_vectors();
+      const auto keep = [&](const std::optional<coach::RepetitionScore>& score) {
+        if (!score) return;
+        all.push_back(to_json(name, *score));
+        if (!options->json) {
+          fmt::print("{}: repetition {} from {:.2f} to {:.2f} s: {:.1f}\n", name, score->repetition,
+                     seconds(score->start_ns), seconds(score->end_ns), score->total);
+        }
+      };
+      follow(reference, *source,
+             [&](const StampedPose& pose, const coach::AlignmentEstimate& e, double) {
+               if (!pose.pose.is_valid()) return;
+               coach::joint_errors(*reference, e.reference_time, pose.pose, error);
+               keep(scorer.update(pose.stamp_ns, e, error, 0));
+             });
+      keep(scorer.finish());
+    }
+    if (options->json) {
+      fmt::print("{}\n", json{{"repetitions", all}}.dump(2));
+    } else if (all.empty()) {
+      fmt::print("no repetition found\n");
+    }
+  });
+}
+
+// ---- info
+
+json describe_recording(const fs::path& file) {
+  recording::McapReader reader(file);
+  json topics = json::array();
+  for (const auto& channel : reader.channels()) {
+    topics.push_back(
+        {{"topic", channel.topic}, {"type", channel.schema_name}, {"messages", channel.messages}});
+  }
+  return {{"file", file.string()},
+          {"finished", reader.finished()},
+          {"damage", reader.damage()},
+          {"messages", reader.messages()},
+          {"duration_s", seconds(reader.end_ns() - reader.start_ns())},
+          {"topics", topics},
+          {"metadata", reader.metadata()}};
+}
+
+json describe_motion(const fs::path& file, const Library& library, const RetargetOptions& options) {
+  const auto native = read_bvh(file);
+  json out{{"file", file.string()},
+           {"joints", native.motion.skeleton.size()},
+           {"frames", native.motion.poses.size()},
+           {"rate_hz", native.motion.rate_hz},
+           {"duration_s", native.motion.duration()},
+           {"ignored_position_joints", native.ignored_position_joints}};
+  const auto map = JointMap::choose(library.joint_maps(), native.motion.skeleton);
+  const auto body = to_canonical(native.motion, map, options);
+  out["joint_map"] = map.name();
+  out["up"] = body.up == UpAxis::kY ? "y" : "z";
+  out["metres_per_unit"] = body.metres_per_unit;
+  json ranges = json::object();
+  for (std::size_t j = 1; j < kJointCount; ++j) {
+    const auto joint = static_cast<Joint>(j);
+    if (body.motion.poses.front().confidence[j] == 0.0f) continue;
+    for (std::size_t m = 0; m < 3; ++m) {
+      double low = INFINITY, high = -INFINITY;
+      for (const auto& pose : body.motion.poses) {
+        const double angle = deg(joint_angles(joint, pose.q_PB[j])[m]);
+        low = std::min(low, angle);
+        high = std::max(high, angle);
+      }
+      if (high - low > 0.5) {
+        ranges[fmt::format("{}_{}_deg", joint_name(joint), kMovementNames[m])] = {
+            std::round(low * 10) / 10, std::round(high * 10) / 10};
+      }
+    }
+  }
+  out["angle_ranges"] = ranges;
+  return out;
+}
+
+void print_tree(const json& value, int depth) {
+  for (const auto& [key, item] : value.items()) {
+    const std::string indent(static_cast<std::size_t>(2 * depth), ' ');
+    if (item.is_object() || (item.is_array() && !item.empty() && item.front().is_structured())) {
+      fmt::print("{}{}\n", indent, value.is_array() ? "-" : key + ":");
+      print_tree(item, depth + 1);
+    } else {
+      fmt::print("{}{}: {}\n", indent, key,
+                 item.is_string() ? item.get<std::string>() : item.dump());
+    }
+  }
+}
+
+void info_command(CLI::App& app) {
+  struct Options {
+    fs::path path;
+    FileOptions file;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("info", "say what a motion file or a recording holds");
+  command->footer("Example:  secondskin info session.mcap");
+  command->add_option("file", options->path, ".bvh or .mcap")->required()->check(CLI::ExistingFile);
+  command->add_flag("--json", options->json, "as JSON");
+  add_file_options(*command, options->file);
+  command->callback([options] {
+    const json out = options->path.extension() == ".mcap"
+                         ? describe_recording(options->path)
+                         : describe_motion(options->path, Library(), options->file.retarget());
+    if (options->json) {
+      fmt::print("{}\n", out.dump(2));
+    } else {
+      print_tree(out, 0);
+    }
+  });
+}
+
+// ---- replay
+
+void play(const fs::path& file, const bus::Config& config, double speed, std::stop_token stop) {
+  recording::McapReader reader(file);
+  bus::Participant participant(config);
+  // What people look at; nothing that makes anything move or vibrate.
+  constexpr std::array<std::string_view, 8> kShown{"skeleton",   "pose",          "points",
+                                                   "raw",        "session_state", "alignment",
+                                                   "correction", "repetition"};
+  std::map<std::uint16_t, std::unique_ptr<bus::RawWriter>> writers;
+  for (const auto& channel : reader.channels()) {
+    for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
+      const auto name = bus::kTopics[t].name;
+      if (channel.topic.ends_with(fmt::format("/{}", name)) &&
+          std::find(kShown.begin(), kShown.end(), name) != kShown.end()) {
+        writers[channel.id] = std::make_unique<bus::RawWriter>(participant, t);
+      }
+    }
+  }
+  std::mutex mutex;
+  std::condition_variable_any alarm;
+  std::unique_lock lock(mutex);
+  alarm.wait_for(lock, stop, std::chrono::milliseconds(500), [] { return false; });  // discovery
+  const auto begin = std::chrono::steady_clock::now();
+  std::uint64_t played = 0;
+  bus::RawMessage message;
+  reader.for_each([&](const recording::McapMessage& recorded) {
+    const auto writer = writers.find(recorded.channel);
+    if (writer == writers.end()) return true;
+    const auto due =
+        begin + std::chrono::nanoseconds(static_cast<std::int64_t>(
+                    static_cast<double>(recorded.log_time_ns - reader.start_ns()) / speed));
+    alarm.wait_until(lock, stop, due, [] { return false; });
+    if (stop.stop_requested()) return false;
+    message.bytes.assign(recorded.data.begin(), recorded.data.end());
+    if (writer->second->write(message)) ++played;
+    return true;
+  });
+  fmt::print("replay: {} messages played\n", played);
+}
+
+void replay_command(CLI::App& app) {
+  struct Options {
+    BusOptions bus;
+    fs::path file;
+    double speed = 1.0;
+    bool coach = false;
+    bool json = false;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("replay", "play a recording, or run the coach over it again");
+  command->footer(
+      "Example:  secondskin replay session.mcap --coach\n"
+      "Without --coach the recording is published for dashboards to see; tactors stay still. With\n"
+      "it the coach runs again on the recorded poses and its commands are compared byte for byte.");
+  command->add_option("file", options->file, "a recording (.mcap)")
+      ->required()
+      ->check(CLI::ExistingFile);
+  command->add_option("--speed", options->speed, "times the recording's own")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_flag("--coach", options->coach, "run the coach again and compare its commands");
+  command->add_flag("--json", options->json, "with --coach: the result as JSON");
+  add_bus_options(*command, options->bus);
+  command->callback([options] {
+    if (!options->coach) {
+      StopOnSignal signals;
+      play(options->file, options->bus.configuration("secondskin_replay"), options->speed,
+           signals.token());
+      return;
+    }
+    const Library library;
+    const auto result = recorder::replay_coach(
+        options->file, {[&](const std::string& name) { return library.load_reference(name); },
+                        [&](const std::string& name) { return library.load_body_map(name); }});
+    if (options->json) {
+      fmt::print("{}\n", json{{"sessions", result.sessions},
+                              {"frames", result.frames},
+                              {"corrections", result.corrections},
+                              {"commands_compared", result.commands_compared},
+                              {"commands_different", result.commands_different},
+                              {"repetitions", result.repetitions.size()},
+                              {"remarks", result.remarks}}
+                             .dump(2));
+    } else {
+      fmt::print("replayed {} frames of {} sessions with {} corrections: {} of {} commands equal\n",
+                 result.frames, result.sessions, result.corrections,
+                 result.commands_compared - result.commands_different, result.commands_compared);
+      for (const auto& remark : result.remarks) fmt::print("note: {}\n", remark);
+    }
+    if (result.commands_different > 0) throw CLI::RuntimeError(1);
+  });
+}
+
+}  // namespace
+
+void add_files(CLI::App& app) {
+  export_command(app);
+  info_command(app);
+  replay_command(app);
+  align_command(app);
+  score_command(app);
+}
+
+}  // namespace secondskin::cli

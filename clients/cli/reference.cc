@@ -1,0 +1,162 @@
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "clients/cli/common.h"
+#include "motion/bvh.h"
+#include "server/open_source.h"
+
+namespace secondskin::cli {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+json describe(const coach::Reference& reference, const fs::path& folder) {
+  json joints = json::object();
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    if (reference.weight[j] <= 0.0) continue;
+    joints[std::string(joint_name(static_cast<Joint>(j)))] = {
+        {"weight", reference.weight[j]}, {"tolerance_deg", deg(reference.tolerance[j])}};
+  }
+  return {{"name", reference.name},
+          {"description", reference.description},
+          {"duration_s", reference.motion.duration()},
+          {"standing", reference.standing},
+          {"origin", reference.origin},
+          {"licence", reference.licence},
+          {"folder", folder.string()},
+          {"joints", joints}};
+}
+
+void list(bool as_json) {
+  const Library library;
+  json all = json::array();
+  for (const auto& folder : library.references()) {
+    try {
+      const auto reference = library.load_reference(folder.string());
+      all.push_back(describe(*reference, folder));
+      if (!as_json) {
+        fmt::print("{:<16} {:5.1f} s  {}\n", folder.filename().string(),
+                   reference->motion.duration(), reference->description);
+      }
+    } catch (const std::exception& error) {  // one bad folder must not hide the others
+      spdlog::warn("{}", error.what());
+    }
+  }
+  if (as_json) fmt::print("{}\n", all.dump(2));
+  if (all.empty() && !as_json)
+    fmt::print("no references; add one with 'secondskin reference add'\n");
+}
+
+void show(const std::string& name, bool as_json) {
+  const Library library;
+  const auto reference = library.load_reference(name);
+  const json out = describe(*reference, library.find_reference(name));
+  if (as_json) {
+    fmt::print("{}\n", out.dump(2));
+    return;
+  }
+  fmt::print("{} - {}\n{:.2f} s at {:g} Hz{}\norigin: {}\nlicence: {}\n", reference->name,
+             reference->description, reference->motion.duration(), reference->motion.rate_hz,
+             reference->standing ? ", standing" : "", reference->origin, reference->licence);
+  fmt::print("{:<16} {:>6} {:>10}\n", "joint", "weight", "tolerance");
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    if (reference->weight[j] > 0.0) {
+      fmt::print("{:<16} {:6.2f} {:6.1f} deg\n", joint_name(static_cast<Joint>(j)),
+                 reference->weight[j], deg(reference->tolerance[j]));
+    }
+  }
+}
+
+struct AddOptions {
+  std::string source, name, description;
+  double start = 0.0;
+  std::optional<double> end;
+  FileOptions file;
+};
+
+std::string toml_string(const std::string& text) { return json(text).dump(); }
+
+void add(const AddOptions& options) {
+  const Library library;
+  const bool plain = !options.name.empty() && options.name.find('/') == std::string::npos &&
+                     options.name.front() != '.' && options.name.size() <= 64;
+  if (!plain) {
+    throw std::runtime_error(fmt::format(
+        "name '{}': expected 1 to 64 characters, no '/', not beginning with '.'", options.name));
+  }
+  const fs::path folder = library.own_references() / options.name;
+  if (fs::exists(folder)) {
+    throw std::runtime_error(
+        fmt::format("{}: exists already; remove it or choose another --name", folder.string()));
+  }
+  const auto source =
+      server::open_source(options.source, library.joint_maps(), options.file.retarget());
+  Motion motion = server::read_all(*source);
+  const double end = options.end.value_or(motion.duration());
+  if (!(options.start >= 0.0) || !(end > options.start) || end > motion.duration() + 1e-6) {
+    throw std::runtime_error(fmt::format("--start {} --end {}: expected 0 <= start < end <= {:.2f}",
+                                         options.start, end, motion.duration()));
+  }
+  const auto at = [&](double time) {
+    return static_cast<std::size_t>(time * motion.rate_hz + 0.5);
+  };
+  motion = slice(motion, at(options.start), std::min(at(end) + 1, motion.poses.size()));
+
+  // Made under another name and renamed, so that no half reference is ever seen.
+  fs::path part = folder;
+  part += ".part";
+  fs::remove_all(part);
+  fs::create_directories(part);
+  write_bvh(motion, part / "motion.bvh");
+  std::ofstream toml(part / "motion.toml");
+  toml << fmt::format(
+      "# Which joints matter and how exactly. See docs/user-guide.md.\n"
+      "name = {}\ndescription = {}\norigin = {}\nlicence = \"private\"\nstanding = false\n\n"
+      "[weights]\ndefault = 1.0\n\n[tolerances_deg]\ndefault = {:g}\n",
+      toml_string(options.name), toml_string(options.description), toml_string(options.source),
+      coach::kDefaultTolerance_deg);
+  toml.close();
+  if (!toml) throw std::runtime_error(fmt::format("{}: cannot be written", part.string()));
+  fs::rename(part, folder);
+  fmt::print("reference '{}' ({:.2f} s) is in {}\n", options.name, motion.duration(),
+             folder.string());
+}
+
+}  // namespace
+
+void add_reference(CLI::App& app) {
+  auto* command = app.add_subcommand("reference", "list, show and add reference motions");
+  command->require_subcommand(1);
+  command->footer("Example:  secondskin reference add my_squat.bvh --name squat --end 4.5");
+
+  auto as_json = std::make_shared<bool>(false);
+  auto* list_command = command->add_subcommand("list", "all that are known");
+  list_command->footer("Example:  secondskin reference list");
+  list_command->add_flag("--json", *as_json, "as JSON");
+  list_command->callback([as_json] { list(*as_json); });
+
+  auto name = std::make_shared<std::string>();
+  auto* show_command = command->add_subcommand("show", "joints of interest, tolerances, origin");
+  show_command->footer("Example:  secondskin reference show squat");
+  show_command->add_option("name", *name, "name, folder or motion file")->required();
+  show_command->add_flag("--json", *as_json, "as JSON");
+  show_command->callback([name, as_json] { show(*name, *as_json); });
+
+  auto options = std::make_shared<AddOptions>();
+  auto* add_command = command->add_subcommand("add", "make one of a motion file or a recording");
+  add_command->footer("Example:  secondskin reference add my_squat.bvh --name squat --end 4.5");
+  add_command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")
+      ->required();
+  add_command->add_option("--name", options->name, "what to call it")->required();
+  add_command->add_option("--description", options->description, "a line for people");
+  add_command->add_option("--start", options->start, "cut from here [s]")->capture_default_str();
+  add_command->add_option("--end", options->end, "cut to here [s] (default: the end)");
+  add_file_options(*add_command, options->file);
+  add_command->callback([options] { add(*options); });
+}
+
+}  // namespace secondskin::cli

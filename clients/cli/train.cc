@@ -1,0 +1,366 @@
+#include <fmt/format.h>
+#include <poll.h>
+#include <spdlog/spdlog.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <mutex>
+#include <numeric>
+
+#include "bus/reader.h"
+#include "bus/wait_set.h"
+#include "bus/writer.h"
+#include "clients/cli/common.h"
+#include "clients/recorder/recorder_service.h"
+#include "clients/tactor_driver/tactor_service.h"
+#include "coach/coach_service.h"
+#include "server/capture_service.h"
+#include "server/open_source.h"
+#include "sim/board/virtual_board_runner.h"
+
+/// A whole session in one process: the same services as the separate commands, over the same
+/// topics.
+namespace secondskin::cli {
+namespace {
+
+namespace msg = bus::msg;
+using namespace std::chrono_literals;
+
+constexpr const char* kVirtualPort = "virtual";
+constexpr auto kLongestStart = 20s;
+// For the last pose to reach the coach, and its words the recorder.
+constexpr auto kLastPose = 150ms;
+
+struct TrainOptions {
+  BusOptions bus;
+  FileOptions file;
+  std::string reference = kDefaultReference;
+  std::string learner;
+  std::string port = kVirtualPort;
+  unsigned baud_rate = 115'200;
+  std::string body_map = "full_body";
+  coach::CoachSettings settings;
+  std::filesystem::path recording;
+  bool loop = false;
+  double speed = 1.0;
+};
+
+/// What the live line shows, handed from the coach's thread to the terminal's. The coach never
+/// waits for it.
+struct LiveLine {
+  std::mutex mutex;
+  double reference_time = 0.0;
+  double tempo = 0.0;
+  coach::Phase phase = coach::Phase::kWaiting;
+  std::uint32_t repetition = 0;
+  std::string worst;
+  double worst_error = 0.0;
+  wire::BoardState tactors{};
+  std::vector<coach::Cue> cues;
+  double latency = 0.0;
+
+  void take(const coach::CoachFrame& frame, const coach::Reference& reference) {
+    const std::unique_lock lock(mutex, std::try_to_lock);
+    if (!lock) return;
+    const auto& out = frame.output;
+    reference_time = out.alignment.reference_time;
+    tempo = out.alignment.tempo;
+    phase = out.alignment.phase;
+    repetition = out.alignment.repetition;
+    std::size_t joint = 0;
+    for (std::size_t j = 1; j < kJointCount; ++j) {
+      const auto rank = [&](std::size_t k) { return reference.weight[k] * out.error[k].norm(); };
+      if (rank(j) > rank(joint)) joint = j;
+    }
+    worst = joint_name(static_cast<Joint>(joint));
+    worst_error = out.error[joint].norm();
+    tactors = out.tactors;
+    cues.assign(frame.cues.begin(), frame.cues.end());
+    latency = static_cast<double>(bus::now_ns() - frame.pose.stamp_ns) * 1e-9;
+  }
+};
+
+std::string words(const coach::Cue& cue) {
+  const auto movement = cue.movement;
+  const char* direction = "";
+  switch (movement) {
+    case Movement::kFlexion:
+      direction = cue.positive ? "flex" : "extend";
+      break;
+    case Movement::kAbduction:
+      direction = cue.positive ? "abduct" : "adduct";
+      break;
+    case Movement::kRotation:
+      direction = cue.positive ? "turn in" : "turn out";
+      break;
+  }
+  std::string joint(joint_name(cue.joint));
+  std::replace(joint.begin(), joint.end(), '_', ' ');
+  return fmt::format("{} {}", direction, joint);
+}
+
+/// The terminal while a session runs: a line that lives, and keys.
+class Terminal {
+ public:
+  Terminal() : tty_(::isatty(STDIN_FILENO) != 0 && ::isatty(STDOUT_FILENO) != 0) {
+    if (!tty_) return;
+    ::tcgetattr(STDIN_FILENO, &before_);
+    termios raw = before_;
+    raw.c_lflag &= ~static_cast<tcflag_t>(ICANON | ECHO);
+    ::tcsetattr(STDIN_FILENO, TCSANOW, &raw);
+    fmt::print("keys: s stop all vibration (again: lift), p pause, q quit\n");
+  }
+  ~Terminal() {
+    if (!tty_) return;
+    ::tcsetattr(STDIN_FILENO, TCSANOW, &before_);
+    fmt::print("\r\x1b[K");
+    std::fflush(stdout);
+  }
+  bool is_tty() const { return tty_; }
+
+  /// Waits a tenth of a second for a key. @returns 0 for none
+  char key() const {
+    pollfd input{STDIN_FILENO, POLLIN, 0};
+    char c = 0;
+    if (::poll(&input, 1, 100) > 0 && ::read(STDIN_FILENO, &c, 1) == 1) return c;
+    return 0;
+  }
+
+  static void show(LiveLine& live, const coach::Reference& reference, bool stopped, bool paused) {
+    static constexpr const char* kPhases[] = {"waiting", "moving", "paused", "finished", "lost"};
+    const std::lock_guard lock(live.mutex);
+    std::string cues;
+    for (const auto& cue : live.cues) {
+      cues += fmt::format("{}{}", cues.empty() ? "" : ", ", words(cue));
+    }
+    const auto line = fmt::format(
+        "{:5.2f}/{:.2f} s  x{:.2f}  {:<8} rep {}  worst {} {:.0f} deg  [{}]  {:.1f} ms{}",
+        live.reference_time, reference.motion.duration(), live.tempo,
+        kPhases[static_cast<int>(live.phase)], live.repetition, live.worst, deg(live.worst_error),
+        cues.empty() ? "no cue" : cues, live.latency * 1e3,
+        stopped  ? "  STOPPED"
+        : paused ? "  PAUSED"
+                 : "");
+    fmt::print("\r\x1b[K{:.140}", line);
+    std::fflush(stdout);
+  }
+
+ private:
+  bool tty_;
+  termios before_{};
+};
+
+void print_summary(const coach::CoachSummary& coach, const coach::Reference& reference,
+                   const tactor_driver::TactorSummary& tactors,
+                   const server::CaptureCounts& capture, const recorder::RecorderCounts& recording,
+                   const std::filesystem::path& file) {
+  fmt::print("\nSession: {} poses, {} coached, {} lost\n", capture.published, coach.frames,
+             coach.lost);
+  fmt::print("Reference: {} ({:.1f} s)\n", reference.name, reference.motion.duration());
+  if (coach.repetitions.empty()) fmt::print("No repetition was completed.\n");
+  for (const auto& score : coach.repetitions) {
+    std::array<std::size_t, kJointCount> order{};
+    std::iota(order.begin(), order.end(), 0u);
+    const auto rank = [&](std::size_t j) { return reference.weight[j] * score.joints[j].rms; };
+    std::sort(order.begin(), order.end(), [&](auto a, auto b) { return rank(a) > rank(b); });
+    fmt::print("  repetition {}: score {:5.1f}  ({:.1f} s, {} cues)  worst:", score.repetition,
+               score.total, static_cast<double>(score.end_ns - score.start_ns) * 1e-9, score.cues);
+    for (std::size_t k = 0; k < 3; ++k) {
+      fmt::print(" {} {:.0f} deg rms{}", joint_name(static_cast<Joint>(order[k])),
+                 deg(score.joints[order[k]].rms), k < 2 ? "," : "\n");
+    }
+  }
+  fmt::print("Cues: {} given", coach.cues);
+  std::array<std::size_t, kJointCount> order{};
+  std::iota(order.begin(), order.end(), 0u);
+  std::sort(order.begin(), order.end(),
+            [&](auto a, auto b) { return coach.cues_by_joint[a] > coach.cues_by_joint[b]; });
+  const char* separator = " (";
+  for (std::size_t k = 0; k < 5 && coach.cues_by_joint[order[k]] > 0; ++k) {
+    fmt::print("{}{} {}", separator, joint_name(static_cast<Joint>(order[k])),
+               coach.cues_by_joint[order[k]]);
+    separator = ", ";
+  }
+  fmt::print("{}; {} commands to the board\n", *separator == ',' ? ")" : "",
+             tactors.counters.pairs);
+  fmt::print("Solver: {} corrections, {} by the closed form, {:.2f} s of processor time\n",
+             coach.corrections, coach.fallbacks, coach.solver_cpu);
+  fmt::print("Latency from measured pose to board: p50 {}, p99 {}, max {}\n",
+             milliseconds(tactors.latency.quantile(0.5)),
+             milliseconds(tactors.latency.quantile(0.99)), milliseconds(tactors.latency.max()));
+  if (recording.error.empty()) {
+    fmt::print("Recording: {} ({} messages)\n", file.string(), recording.messages);
+  } else {
+    fmt::print("Recording: ended early, {}; {} messages are in {}\n", recording.error,
+               recording.messages, file.string());
+  }
+}
+
+/// Waits until the coach says over the bus that a session runs.
+void wait_for_session(bus::Reader<msg::SessionState>& states, std::stop_token stop) {
+  bus::WaitSet news;
+  news.attach(states);
+  const std::stop_callback wake(stop, [&news] { news.wake(); });
+  const auto end = std::chrono::steady_clock::now() + kLongestStart;
+  msg::SessionState state;
+  while (!stop.stop_requested()) {
+    while (states.take(state)) {
+      if (state.phase() == msg::SESSION_RUNNING) return;
+    }
+    const auto now = std::chrono::steady_clock::now();
+    if (now > end) {
+      throw std::runtime_error("the coach did not start a session; see 'secondskin doctor'");
+    }
+    news.wait(end - now);
+  }
+}
+
+void train(TrainOptions& options) {
+  StopOnSignal signals;
+  const Library library;
+  auto reference = library.load_reference(options.reference);
+  if (options.learner.empty()) {
+    const auto folder = library.find_reference(options.reference);
+    options.learner = (folder / "learner.bvh").string();
+    if (!std::filesystem::exists(options.learner)) {
+      throw std::runtime_error(
+          fmt::format("reference '{}' comes with no learner's recording; give one with --learner",
+                      options.reference));
+    }
+  }
+  auto source = server::open_source(options.learner, library.joint_maps(), options.file.retarget());
+  if (options.recording.empty()) options.recording = default_recording_name(reference->name);
+  if (options.recording.has_parent_path()) {
+    std::filesystem::create_directories(options.recording.parent_path());
+  }
+
+  // Each part on its own thread; leaving this function in any way stops and joins them, the board
+  // last.
+  std::optional<wire::PseudoTerminal> terminal;
+  std::optional<sim::VirtualBoardRunner> board;
+  std::jthread board_thread;
+  if (options.port == kVirtualPort) {
+    terminal.emplace();
+    board.emplace(*terminal);
+    board_thread = std::jthread([&board](std::stop_token stop) { board->run(stop); });
+    options.port = terminal->path();
+  }
+
+  bus::Participant participant(options.bus.configuration("secondskin_train"));
+
+  recorder::RecorderService recorder(participant, {options.recording, library.idl()});
+  tactor_driver::TactorService tactors(participant, {options.port, options.baud_rate});
+  coach::CoachServiceOptions coach_options;
+  coach_options.references = {reference};
+  coach_options.body_map = library.load_body_map(options.body_map);
+  coach_options.settings = options.settings;
+  coach::CoachService coach(participant, std::move(coach_options));
+  bus::Reader<msg::SessionState> states(participant);
+  bus::Writer<msg::SessionCommand> orders(participant);
+  bus::Writer<msg::EmergencyStop> stops(participant);
+
+  LiveLine live;
+  coach.on_frame([&](const coach::CoachFrame& frame) { live.take(frame, *reference); });
+
+  recorder::RecorderCounts recording;
+  tactor_driver::TactorSummary tactor_summary;
+  coach::CoachSummary coach_summary;
+  server::CaptureCounts capture_counts;
+  std::jthread recorder_thread([&](std::stop_token stop) { recording = recorder.run(stop); });
+  std::jthread tactor_thread([&](std::stop_token stop) { tactor_summary = tactors.run(stop); });
+  std::jthread coach_thread([&](std::stop_token stop) { coach_summary = coach.run(stop); });
+
+  // Two readers beside the server's own: coach and recorder.
+  server::CaptureService capture(participant, *source,
+                                 {.source_name = options.learner,
+                                  .speed = options.speed,
+                                  .loop = options.loop,
+                                  .wait_for_readers = 2});
+  wait_for_session(states, signals.token());
+
+  fmt::print("Training '{}' with learner {} on {}\n", reference->name, options.learner,
+             board ? fmt::format("a virtual board ({})", options.port) : options.port);
+  std::atomic<bool> ended = false;
+  {
+    std::jthread capture_thread([&](std::stop_token stop) {
+      capture_counts = capture.run(stop);
+      ended = true;
+    });
+    const std::stop_callback end_capture(signals.token(), [&] { capture_thread.request_stop(); });
+    Terminal screen;
+    bool stopped = false, paused = false;
+    while (screen.is_tty() && !ended) {
+      Terminal::show(live, *reference, stopped, paused);
+      const char key = screen.key();
+      if (key == 'q') capture_thread.request_stop();
+      if (key == 's') {
+        stopped = !stopped;
+        msg::EmergencyStop stop;
+        stop.publish_ns(bus::now_ns());
+        stop.active(stopped);
+        stop.reason("key in the terminal");
+        stops.write(stop);
+      }
+      if (key == 'p') {
+        paused = !paused;
+        msg::SessionCommand order;
+        order.publish_ns(bus::now_ns());
+        order.action(paused ? msg::SESSION_PAUSE : msg::SESSION_RESUME);
+        orders.write(order);
+      }
+    }
+    capture_thread.join();
+  }
+  std::this_thread::sleep_for(kLastPose);
+  coach_thread.request_stop();
+  coach_thread.join();
+  tactor_thread.request_stop();
+  tactor_thread.join();
+  recorder_thread.request_stop();
+  recorder_thread.join();
+  print_summary(coach_summary, *reference, tactor_summary, capture_counts, recording,
+                options.recording);
+  if (!recording.error.empty()) throw std::runtime_error(recording.error);
+}
+
+}  // namespace
+
+void add_train(CLI::App& app) {
+  auto options = std::make_shared<TrainOptions>();
+  auto* command = app.add_subcommand("train", "run a whole session in one process");
+  command->footer(
+      "Example:  secondskin train --reference squat --learner my_squats.bvh --port /dev/ttyUSB0\n"
+      "Without --learner a recorded learner that comes with the reference moves; without --port a\n"
+      "virtual board vibrates.");
+  command
+      ->add_option("--reference", options->reference,
+                   "name under reference_motions/, a folder or a motion file")
+      ->capture_default_str();
+  command->add_option("--learner", options->learner, "source of the learner's poses");
+  command->add_option("--port", options->port, "the tactor board's serial port, or 'virtual'")
+      ->capture_default_str();
+  command->add_option("--baud", options->baud_rate, "baud rate")->capture_default_str();
+  command->add_option("--body-map", options->body_map, "where the tactors sit: name or .toml file")
+      ->capture_default_str();
+  command->add_option("--max-cues", options->settings.max_cues, "joints cued at once")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  command
+      ->add_option("--tolerance-scale", options->settings.tolerance_scale,
+                   "times the reference's tolerances")
+      ->check(CLI::Range(0.1, 10.0))
+      ->capture_default_str();
+  command->add_option("--recording", options->recording,
+                      "the file to record into (default: recordings/DATE_REFERENCE.mcap)");
+  command->add_option("--speed", options->speed, "play the learner so many times as fast")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_flag("--loop", options->loop, "start the learner again at the end");
+  add_file_options(*command, options->file);
+  add_bus_options(*command, options->bus);
+  command->callback([options] { train(*options); });
+}
+
+}  // namespace secondskin::cli

@@ -1,0 +1,148 @@
+#include "clients/recorder/recorder_service.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <array>
+#include <chrono>
+#include <fstream>
+#include <sstream>
+#include <stdexcept>
+#include <vector>
+
+#include "bus/health.h"
+#include "bus/raw.h"
+#include "bus/topics.h"
+#include "bus/wait_set.h"
+#include "recording/mcap_writer.h"
+
+namespace secondskin::recorder {
+
+namespace msg = bus::msg;
+using namespace std::chrono_literals;
+
+namespace {
+
+constexpr auto kFlushPeriod = 250ms;
+// After a stop the others' last words (scores, final states) are still under way.
+constexpr auto kLastWords = 150ms;
+
+std::string read_text(const std::filesystem::path& file) {
+  std::ifstream in(file);
+  std::ostringstream text;
+  text << in.rdbuf();
+  if (!in) throw std::runtime_error(fmt::format("{}: cannot be read", file.string()));
+  return text.str();
+}
+
+// "secondskin_msgs::msg::dds_::SkeletonPose_" on the wire is secondskin_msgs::msg::SkeletonPose in
+// the IDL.
+std::string schema_name(std::string_view type_name) {
+  constexpr std::string_view kRosModule = "dds_::";
+  std::string name(type_name);
+  name.erase(name.find(kRosModule), kRosModule.size());
+  name.pop_back();
+  return name;
+}
+
+}  // namespace
+
+struct RecorderService::State {
+  State(bus::Participant& participant, const RecorderOptions& options)
+      : raw(participant.config()), writer(options.file), health(participant, "recorder") {
+    const std::string idl = read_text(options.idl);
+    for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
+      const auto& info = bus::kTopics[t];
+      channels[t] = writer.add_channel(
+          fmt::format("/secondskin/{}/{}", participant.config().subject, info.name),
+          schema_name(info.type_name), "omgidl", idl);
+      readers.push_back(std::make_unique<bus::RawReader>(raw, t));
+      news.attach(*readers.back());
+    }
+  }
+
+  void take_all() {
+    for (std::size_t t = 0; t < readers.size(); ++t) {
+      while (readers[t]->take(message)) {
+        const std::int64_t now = bus::now_ns();
+        writer.write(channels[t], ++sequence[t], now, message.source_ns, message.bytes);
+        describe(t);
+        health.sample(static_cast<double>(now - message.source_ns) * 1e-9);
+        ++counts.messages;
+      }
+    }
+  }
+
+  // What somebody who opens the file wants to know first.
+  void describe(std::size_t topic) {
+    if (topic == bus::kTopicOf<msg::SkeletonDefinition>) {
+      msg::SkeletonDefinition body;
+      if (!bus::decode(message.bytes, body)) return;
+      std::string joints;
+      for (const auto& joint : body.joints()) {
+        joints += fmt::format("{}{}", joints.empty() ? "" : " ", joint.name().c_str());
+      }
+      writer.write_metadata("skeleton", {{"source", body.source().to_string()},
+                                         {"rate_hz", fmt::format("{:g}", body.rate_hz())},
+                                         {"skeleton_id", std::to_string(body.skeleton_id())},
+                                         {"joints", joints}});
+    } else if (topic == bus::kTopicOf<msg::SessionState>) {
+      msg::SessionState state;
+      if (!bus::decode(message.bytes, state) || state.session_number() == described_session) return;
+      described_session = state.session_number();
+      writer.write_metadata(
+          "settings", {{"reference", state.reference().to_string()},
+                       {"reference_fingerprint", std::to_string(state.reference_fingerprint())},
+                       {"body_map", state.body_map().to_string()},
+                       {"tolerance_scale", fmt::format("{:g}", state.tolerance_scale())},
+                       {"max_cues", std::to_string(state.max_cues())}});
+    }
+  }
+
+  bus::Participant raw;  // one participant reads a topic either raw or typed
+  recording::McapWriter writer;
+  std::vector<std::unique_ptr<bus::RawReader>> readers;
+  bus::WaitSet news;
+  bus::HealthReporter health;
+  std::array<std::uint16_t, bus::kTopics.size()> channels{};
+  std::array<std::uint32_t, bus::kTopics.size()> sequence{};
+  std::uint32_t described_session = 0;
+  bus::RawMessage message;
+  RecorderCounts counts;
+};
+
+RecorderService::RecorderService(bus::Participant& participant, const RecorderOptions& options)
+    : state_(std::make_unique<State>(participant, options)) {}
+
+RecorderService::~RecorderService() = default;
+
+RecorderCounts RecorderService::run(std::stop_token stop) {
+  auto& s = *state_;
+  const std::stop_callback wake(stop, [&s] { s.news.wake(); });
+  s.health.state(msg::SERVICE_RUNNING);
+  try {
+    while (!stop.stop_requested()) {
+      s.news.wait(kFlushPeriod);
+      s.take_all();
+      s.writer.flush_if_due(bus::now_ns());
+      s.health.tick(bus::now_ns());
+    }
+    const auto end = std::chrono::steady_clock::now() + kLastWords;
+    for (auto now = std::chrono::steady_clock::now(); now < end;
+         now = std::chrono::steady_clock::now()) {
+      s.news.wait(end - now);
+      s.take_all();
+    }
+    s.writer.close();
+    s.health.state(msg::SERVICE_ENDED);
+  } catch (const std::exception& error) {
+    s.counts.error = error.what();
+    spdlog::error("recording ended: {}", error.what());
+    s.health.state(msg::SERVICE_FAULT, error.what());
+  }
+  for (const auto& reader : s.readers) s.counts.lost += reader->counts().lost;
+  s.counts.bytes = s.writer.stored_bytes();
+  return s.counts;
+}
+
+}  // namespace secondskin::recorder

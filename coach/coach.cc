@@ -1,0 +1,111 @@
+#include "coach/coach.h"
+
+#include "motion/rotation.h"
+
+namespace secondskin::coach {
+namespace {
+
+// First-order low-pass of the differenced joint velocities: quiet enough for a prediction over the
+// solver's horizon, late by no more than a frame or two.
+constexpr double kVelocityTimeConstant = 0.03;  // [s]
+constexpr double kLongestGap = 0.25;            // a longer one says nothing of velocity [s]
+
+double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
+
+}  // namespace
+
+Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const CoachSettings& settings,
+             CorrectionSource& solver)
+    : reference_(reference),
+      aligner_(reference),
+      mapper_(std::move(map), {.max_cues = settings.max_cues}),
+      scorer_(reference),
+      solver_(&solver),
+      last_pose_(kJointCount) {
+  problem_.learner = Pose(kJointCount);
+
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    tolerance_[j] = reference_->tolerance[j] * settings.tolerance_scale;
+  }
+}
+
+void Coach::estimate_velocity(const StampedPose& pose) noexcept {
+  const double dt = seconds(pose.stamp_ns - last_stamp_ns_);
+  if (last_stamp_ns_ == 0 || dt <= 0.0 || dt > kLongestGap) {
+    velocity_.fill(Eigen::Vector3d::Zero());
+  } else {
+    const double gain = dt / (dt + kVelocityTimeConstant);
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const Eigen::Vector3d raw =
+          rotation_vector(last_pose_.q_PB[j].conjugate() * pose.pose.q_PB[j]) / dt;
+      velocity_[j] += gain * (raw - velocity_[j]);
+    }
+  }
+  if (dt > 0.0 || last_stamp_ns_ == 0) {
+    last_pose_ = pose.pose;
+    last_stamp_ns_ = pose.stamp_ns;
+  }
+}
+
+void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
+  out.repetition.reset();
+  out.handed_over = false;
+
+  // A result is taken whatever the state, so that the solver is free for the next problem.
+  if (auto result = solver_->take(pose.frame)) {
+    in_use_ = *result;
+    in_use_since_ns_ = pose.stamp_ns;
+    out.handed_over = true;
+  }
+  if (in_use_.status != SolverStatus::kNone &&
+      seconds(pose.stamp_ns - in_use_since_ns_) > kLongestUse) {
+    in_use_ = CorrectionResult{};
+  }
+
+  if (!paused_) {
+    out.alignment = aligner_.update(pose.stamp_ns, pose.pose);
+    estimate_velocity(pose);
+  }
+  joint_errors(*reference_, out.alignment.reference_time, pose.pose, out.error);
+  const bool following =
+      !paused_ && (out.alignment.phase == Phase::kMoving || out.alignment.phase == Phase::kPaused);
+  if (!paused_) {
+    out.repetition = scorer_.update(pose.stamp_ns, out.alignment, out.error, mapper_.cues_given());
+  }
+
+  if (following && solver_->idle() &&
+      seconds(pose.stamp_ns - last_posed_ns_) >= kCorrectionPeriod) {
+    problem_.frame = pose.frame;
+    problem_.stamp_ns = pose.stamp_ns;
+    problem_.learner = pose.pose;
+    problem_.velocity = velocity_;
+    problem_.reference_time = out.alignment.reference_time;
+    problem_.tempo = out.alignment.tempo;
+    solver_->post(problem_);
+    last_posed_ns_ = pose.stamp_ns;
+    ++posed_;
+  }
+
+  out.correction = in_use_;
+  const bool cue = following && !muted_ && in_use_.status != SolverStatus::kNone;
+  out.tactors = mapper_.update(pose.stamp_ns, in_use_, out.error, tolerance_, cue);
+}
+
+std::uint64_t fingerprint(const Reference& reference) noexcept {
+  std::uint64_t hash = 14695981039346656037ull;  // FNV-1a, 64 bit
+  const auto mix = [&hash](const double* values, std::size_t count) {
+    const auto* bytes = reinterpret_cast<const unsigned char*>(values);
+    for (std::size_t i = 0; i < count * sizeof(double); ++i) {
+      hash = (hash ^ bytes[i]) * 1099511628211ull;
+    }
+  };
+  for (const Pose& pose : reference.motion.poses) {
+    mix(pose.p_WR.data(), 3);
+    for (const auto& q : pose.q_PB) mix(q.coeffs().data(), 4);
+  }
+  mix(reference.weight.data(), reference.weight.size());
+  mix(reference.tolerance.data(), reference.tolerance.size());
+  return hash;
+}
+
+}  // namespace secondskin::coach

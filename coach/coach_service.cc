@@ -1,0 +1,339 @@
+#include "coach/coach_service.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <algorithm>
+#include <optional>
+#include <stdexcept>
+
+#include "bus/health.h"
+#include "bus/pose_messages.h"
+#include "bus/wait_set.h"
+#include "coach/coach_messages.h"
+
+namespace secondskin::coach {
+
+namespace msg = bus::msg;
+
+struct CoachService::State {
+  State(bus::Participant& participant, CoachServiceOptions options_)
+      : options(std::move(options_)),
+        skeletons(participant),
+        poses(participant),
+        commands(participant),
+        stops(participant),
+        alignments(participant),
+        corrections(participant),
+        tactors(participant),
+        repetitions(participant),
+        states(participant),
+        references(participant),
+        health(participant, "coach") {
+    for (bus::ReaderBase* reader :
+         {static_cast<bus::ReaderBase*>(&skeletons), static_cast<bus::ReaderBase*>(&poses),
+          static_cast<bus::ReaderBase*>(&commands), static_cast<bus::ReaderBase*>(&stops)}) {
+      news.attach(*reader);
+    }
+    out.alignment = {};
+  }
+
+  // ---- what happens
+
+  void publish_references() {
+    msg::ReferenceMotionList list;
+    for (const auto& reference : options.references) {
+      msg::ReferenceMotion entry;
+      entry.name(reference->name.substr(0, 64));
+      entry.description(reference->description.substr(0, 512));
+      entry.duration(reference->motion.duration());
+      entry.rate_hz(reference->motion.rate_hz);
+      list.references().push_back(entry);
+    }
+    list.publish_ns(bus::now_ns());
+    references.write(list);
+  }
+
+  // A new session: everything that remembers starts afresh.
+  void start_session() {
+    end_session();
+    if (!body) return;  // starts when it is known who learns
+    const auto& chosen = options.references.at(reference_index);
+    coach.reset();
+    solver = std::make_unique<SolverThread>(
+        chosen, *body, CorrectionOptions{.tolerance_scale = options.settings.tolerance_scale},
+        options.solve_limit);
+    coach = std::make_unique<Coach>(chosen, options.body_map, options.settings, *solver);
+    coach->mute(stopped);
+    ++session_number;
+    repetition_count = 0;
+    phase = msg::SESSION_RUNNING;
+    state_changed = true;
+    spdlog::info("session {}: reference '{}'", session_number, chosen->name);
+  }
+
+  void end_session() {
+    if (!coach) return;
+    if (auto score = coach->finish()) publish_repetition(*score);
+    count_solver();
+    coach.reset();
+    solver.reset();
+    all_off();
+  }
+
+  void count_solver() {
+    if (coach) summary.cues += coach->cues_given();
+    if (solver) summary.solver_cpu += solver->cpu_time();
+  }
+
+  void all_off() {
+    to_message(pose, wire::BoardState{}, ++command_number, command);
+    command.header().publish_ns(bus::now_ns());
+    tactors.write(command);
+  }
+
+  void publish_repetition(const RepetitionScore& score) {
+    to_message(pose, score, repetition);
+    repetition.header().publish_ns(bus::now_ns());
+    repetitions.write(repetition);
+    summary.repetitions.push_back(score);
+    ++repetition_count;
+    state_changed = true;
+  }
+
+  void obey(const msg::SessionCommand& order) {
+    switch (order.action()) {
+      case msg::SESSION_START: {
+        const std::string name = order.reference().to_string();
+        if (!name.empty()) {
+          const auto found = std::find_if(options.references.begin(), options.references.end(),
+                                          [&](const auto& r) { return r->name == name; });
+          if (found == options.references.end()) {
+            complaint = fmt::format("session start: reference '{}' is not known here", name);
+            return;
+          }
+          reference_index = static_cast<std::size_t>(found - options.references.begin());
+        }
+        if (order.tolerance_scale() > 0.0) {
+          options.settings.tolerance_scale = std::clamp(order.tolerance_scale(), 0.1, 10.0);
+        }
+        if (order.max_cues() > 0) options.settings.max_cues = order.max_cues();
+        wanted = true;
+        complaint.clear();
+        start_session();
+        return;
+      }
+      case msg::SESSION_PAUSE:
+      case msg::SESSION_RESUME: {
+        if (!coach) return;
+        const bool pause = order.action() == msg::SESSION_PAUSE;
+        coach->pause(pause);
+        phase = pause ? msg::SESSION_PAUSED : msg::SESSION_RUNNING;
+        state_changed = true;
+        return;
+      }
+      case msg::SESSION_STOP:
+        wanted = false;
+        end_session();
+        phase = msg::SESSION_ENDED;
+        state_changed = true;
+        return;
+    }
+  }
+
+  void take_orders() {
+    msg::SkeletonDefinition definition;
+    if (skeletons.take_newest(definition) > 0) meet(definition);
+    msg::EmergencyStop stop;
+    if (stops.take_newest(stop) > 0 && stop.active() != stopped) {
+      stopped = stop.active();
+      if (coach) coach->mute(stopped);
+      if (stopped) all_off();
+      state_changed = true;
+      spdlog::warn("emergency stop {}: {}", stopped ? "in force" : "lifted",
+                   stop.reason().to_string());
+    }
+    msg::SessionCommand order;
+    while (commands.take(order)) obey(order);
+  }
+
+  void meet(const msg::SkeletonDefinition& definition) {
+    try {
+      Skeleton skeleton = bus::to_skeleton(definition);
+      if (!is_canonical(skeleton)) {
+        throw std::runtime_error("topic skeleton: expected the canonical joints in their order");
+      }
+      if (body && body_id == definition.skeleton_id()) return;
+      body = std::move(skeleton);
+      body_id = definition.skeleton_id();
+      complaint.clear();
+      if (wanted) start_session();
+    } catch (const std::exception& error) {
+      complaint = error.what();
+    }
+  }
+
+  void publish_state() {
+    if (!state_changed) return;
+    state_changed = false;
+    msg::SessionState message;
+    // It holds from the next frame on.
+    message.header().frame(pose.frame + 1);
+    message.header().stamp_ns(pose.stamp_ns + 1);
+    message.session_number(session_number);
+    message.phase(phase);
+    message.stopped(stopped);
+    const auto& chosen = *options.references.at(reference_index);
+    message.reference(chosen.name.substr(0, 64));
+    message.reference_fingerprint(fingerprint(chosen));
+    message.body_map(options.body_map.name.substr(0, 64));
+    message.tolerance_scale(options.settings.tolerance_scale);
+    message.max_cues(options.settings.max_cues);
+    message.repetitions(repetition_count);
+    message.header().publish_ns(bus::now_ns());
+    states.write(message);
+  }
+
+  void follow() {
+    if (poses.take_newest(pose_message) == 0) return;
+    const std::uint64_t last = pose.frame;
+    const bool valid = bus::from_message(pose_message, pose) &&
+                       pose_message.skeleton_id() == body_id &&
+                       pose.pose.q_PB.size() == kJointCount;
+    if (last != 0 && pose.frame > last + 1) {
+      summary.lost += pose.frame - last - 1;
+      health.lost(pose.frame - last - 1);
+    }
+    if (!valid || !coach) {
+      if (!valid) {
+        ++summary.refused;
+        health.lost(1);
+      }
+      return;
+    }
+    ++summary.frames;
+    coach->step(pose, out);
+
+    // The skin first.
+    to_message(pose, out.tactors, ++command_number, command);
+    command.header().publish_ns(bus::now_ns());
+    tactors.write(command);
+    to_message(pose, out.alignment, alignment);
+    alignment.header().publish_ns(bus::now_ns());
+    alignments.write(alignment);
+    to_message(pose, out, coach->tolerance(), correction);
+    correction.header().publish_ns(bus::now_ns());
+    corrections.write(correction);
+    if (out.repetition) publish_repetition(*out.repetition);
+
+    if (out.handed_over) {
+      ++summary.corrections;
+      if (out.correction.status == SolverStatus::kFallback) ++summary.fallbacks;
+    }
+    count_onsets();
+    health.sample(static_cast<double>(command.header().publish_ns() - pose.stamp_ns) * 1e-9);
+    health.confidence(out.alignment.confidence);
+    if (look) look({pose, out, coach->cues()});
+  }
+
+  void count_onsets() {
+    std::array<bool, kJointCount> now{};
+    for (const Cue& cue : coach->cues()) {
+      const auto j = index(cue.joint);
+      now[j] = true;
+      if (!cued[j]) ++summary.cues_by_joint[j];
+    }
+    cued = now;
+  }
+
+  void report() {
+    if (!complaint.empty()) {
+      health.state(msg::SERVICE_FAULT, complaint);
+    } else if (!body) {
+      health.state(msg::SERVICE_WAITING, "waiting for a capture server on this subject");
+    } else if (!coach) {
+      health.state(msg::SERVICE_WAITING, "waiting for a session to start");
+    } else if (poses.counts().writers == 0) {
+      health.state(msg::SERVICE_WAITING, "the capture server is gone; waiting for it");
+    } else {
+      health.state(msg::SERVICE_RUNNING);
+    }
+  }
+
+  CoachServiceOptions options;
+  std::function<void(const CoachFrame&)> look;
+
+  bus::Reader<msg::SkeletonDefinition> skeletons;
+  bus::Reader<msg::SkeletonPose> poses;
+  bus::Reader<msg::SessionCommand> commands;
+  bus::Reader<msg::EmergencyStop> stops;
+  bus::WaitSet news;
+  bus::Writer<msg::Alignment> alignments;
+  bus::Writer<msg::Correction> corrections;
+  bus::Writer<msg::TactorCommand> tactors;
+  bus::Writer<msg::RepetitionScore> repetitions;
+  bus::Writer<msg::SessionState> states;
+  bus::Writer<msg::ReferenceMotionList> references;
+  bus::HealthReporter health;
+
+  std::optional<Skeleton> body;
+  std::uint32_t body_id = 0;
+  std::size_t reference_index = 0;
+  std::unique_ptr<SolverThread> solver;
+  std::unique_ptr<Coach> coach;  // after the solver that it uses
+  bool wanted = true;            // a session is to run
+  bool stopped = false;
+  bool state_changed = false;
+  std::string complaint;  // why the last order or body was refused
+  msg::SessionPhase phase = msg::SESSION_IDLE;
+  std::uint32_t session_number = 0;
+  std::uint32_t repetition_count = 0;
+  std::uint64_t command_number = 0;
+  std::array<bool, kJointCount> cued{};
+
+  // Kept from frame to frame, so that their memory is.
+  StampedPose pose;
+  CoachOutput out;
+  msg::SkeletonPose pose_message;
+  msg::Alignment alignment;
+  msg::Correction correction;
+  msg::TactorCommand command;
+  msg::RepetitionScore repetition;
+  CoachSummary summary;
+};
+
+CoachService::CoachService(bus::Participant& participant, CoachServiceOptions options) {
+  if (options.references.empty()) throw std::invalid_argument("the coach needs a reference");
+  state_ = std::make_unique<State>(participant, std::move(options));
+  state_->wanted = state_->options.start;
+  state_->publish_references();
+}
+
+CoachService::~CoachService() = default;
+
+void CoachService::on_frame(std::function<void(const CoachFrame&)> look) {
+  state_->look = std::move(look);
+}
+
+CoachSummary CoachService::run(std::stop_token stop) {
+  auto& s = *state_;
+  const std::stop_callback wake(stop, [&s] { s.news.wake(); });
+  while (!stop.stop_requested()) {
+    s.take_orders();
+    s.publish_state();
+    s.follow();
+    s.publish_state();
+    s.report();
+    const std::int64_t now = bus::now_ns();
+    const std::int64_t due = s.health.tick(now);
+    s.news.wait(std::chrono::nanoseconds(std::max<std::int64_t>(due - now, 1'000'000)));
+  }
+  s.end_session();
+  s.phase = msg::SESSION_ENDED;
+  s.state_changed = true;
+  s.publish_state();
+  s.health.state(msg::SERVICE_ENDED);
+  return s.summary;
+}
+
+}  // namespace secondskin::coach

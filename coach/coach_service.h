@@ -1,0 +1,60 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <memory>
+#include <stop_token>
+#include <string>
+#include <vector>
+
+#include "bus/participant.h"
+#include "coach/coach.h"
+
+/// The coach as a service: poses and session commands in; alignment, correction, tactor commands,
+/// scores and the session's state out. A thin shell: all thinking is in Coach.
+namespace secondskin::coach {
+
+struct CoachServiceOptions {
+  std::vector<std::shared_ptr<const Reference>> references;  ///< to choose from; the first at start
+  BodyMap body_map;
+  CoachSettings settings;
+  SolveLimit solve_limit;
+  bool start = true;  ///< begin a session at once; else wait for a command
+};
+
+/// What a frame gave, for whoever looks on in the same process.
+struct CoachFrame {
+  const StampedPose& pose;
+  const CoachOutput& output;
+  std::span<const Cue> cues;
+};
+
+struct CoachSummary {
+  std::vector<RepetitionScore> repetitions;
+  std::uint64_t frames = 0;
+  std::uint64_t lost = 0;     ///< poses that never reached the coach, by their frame numbers
+  std::uint64_t refused = 0;  ///< poses that were not valid or of another body
+  std::uint64_t cues = 0;     ///< onsets
+  std::array<std::uint64_t, kJointCount> cues_by_joint{};
+  std::uint64_t corrections = 0;  ///< solver results used
+  std::uint64_t fallbacks = 0;
+  double solver_cpu = 0.0;  ///< [s]
+};
+
+class CoachService {
+ public:
+  CoachService(bus::Participant& participant, CoachServiceOptions options);
+  ~CoachService();
+
+  /// Called on the service's thread after each frame's messages went out. Set it before run().
+  void on_frame(std::function<void(const CoachFrame&)> look);
+
+  /// Coaches until a stop is asked for; then scores the repetition under way and switches all off.
+  CoachSummary run(std::stop_token stop);
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace secondskin::coach

@@ -1,0 +1,63 @@
+#include "motion/motion.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+namespace secondskin {
+
+void interpolate(const Pose& a, const Pose& b, double u, Pose& out) noexcept {
+  out.p_WR = (1.0 - u) * a.p_WR + u * b.p_WR;
+  const std::size_t joints = std::min({a.q_PB.size(), b.q_PB.size(), out.q_PB.size()});
+  for (std::size_t i = 0; i < joints; ++i) out.q_PB[i] = a.q_PB[i].slerp(u, b.q_PB[i]).normalized();
+  const std::size_t marks =
+      std::min({a.confidence.size(), b.confidence.size(), out.confidence.size()});
+  for (std::size_t i = 0; i < marks; ++i) {
+    out.confidence[i] = std::min(a.confidence[i], b.confidence[i]);
+  }
+}
+
+void sample(const Motion& motion, double time, Pose& out) {
+  const std::size_t joints = motion.skeleton.size();
+  if (out.q_PB.size() != joints) out.q_PB.resize(joints, Eigen::Quaterniond::Identity());
+  if (out.confidence.size() != joints) out.confidence.resize(joints);
+  const double last = static_cast<double>(motion.poses.size() - 1);
+  // Written so that a NaN time is held at the start.
+  const double at = time > 0.0 ? std::min(time * motion.rate_hz, last) : 0.0;
+  const auto i = static_cast<std::size_t>(at);
+  const std::size_t next = std::min(i + 1, motion.poses.size() - 1);
+  interpolate(motion.poses[i], motion.poses[next], at - static_cast<double>(i), out);
+}
+
+Motion resample(const Motion& motion, double rate_hz) {
+  if (!std::isfinite(rate_hz) || rate_hz <= 0.0) {
+    throw std::invalid_argument(
+        fmt::format("resample: rate {} Hz, expected a finite rate above 0", rate_hz));
+  }
+  // The tolerance keeps the last pose when duration * rate is a whole number but for rounding.
+  const double steps = std::floor(motion.duration() * rate_hz + 1e-6);
+  if (steps > 1e9) {
+    throw std::invalid_argument(fmt::format("resample: {} Hz would make {} poses", rate_hz, steps));
+  }
+  Motion result{motion.skeleton, rate_hz, {}};
+  result.poses.resize(static_cast<std::size_t>(steps) + 1);
+  for (std::size_t i = 0; i < result.poses.size(); ++i) {
+    sample(motion, static_cast<double>(i) / rate_hz, result.poses[i]);
+  }
+  return result;
+}
+
+Motion slice(const Motion& motion, std::size_t begin, std::size_t end) {
+  if (begin >= end || end > motion.poses.size()) {
+    throw std::out_of_range(
+        fmt::format("slice: poses [{}, {}) of {}", begin, end, motion.poses.size()));
+  }
+  const auto first = motion.poses.begin();
+  return {motion.skeleton, motion.rate_hz,
+          std::vector<Pose>(first + static_cast<std::ptrdiff_t>(begin),
+                            first + static_cast<std::ptrdiff_t>(end))};
+}
+
+}  // namespace secondskin

@@ -1,0 +1,148 @@
+#include "server/capture_service.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+
+#include <chrono>
+#include <condition_variable>
+#include <memory>
+#include <mutex>
+#include <stdexcept>
+
+#include "bus/health.h"
+#include "bus/pose_messages.h"
+#include "bus/reader.h"
+#include "bus/wait_set.h"
+#include "bus/writer.h"
+
+namespace secondskin::server {
+
+namespace msg = bus::msg;
+using Clock = std::chrono::steady_clock;
+using namespace std::chrono_literals;
+
+namespace {
+
+// Long enough to discover another server on this machine or a local network.
+constexpr auto kLookForOthers = 400ms;
+constexpr auto kLongestWaitForReaders = 5s;
+
+}  // namespace
+
+struct CaptureService::State {
+  State(bus::Participant& participant, PoseSource& source_, const CaptureOptions& options_)
+      : source(source_),
+        options(options_),
+        others(participant),
+        poses(participant),
+        skeletons(participant),
+        health(participant, "capture") {
+    news.attach(others);
+  }
+
+  PoseSource& source;
+  CaptureOptions options;
+  bus::Reader<msg::SkeletonPose> others;  // hears of other capture servers, and of this one
+  bus::WaitSet news;
+  bus::Writer<msg::SkeletonPose> poses;
+  bus::Writer<msg::SkeletonDefinition> skeletons;
+  bus::HealthReporter health;
+  std::mutex mutex;
+  std::condition_variable_any alarm;
+};
+
+CaptureService::CaptureService(bus::Participant& participant, PoseSource& source,
+                               const CaptureOptions& options)
+    : state_(std::make_unique<State>(participant, source, options)) {
+  auto& s = *state_;
+  const auto end = Clock::now() + kLookForOthers;
+  for (auto now = Clock::now(); now < end && s.others.counts().writers < 2; now = Clock::now()) {
+    s.news.wait(end - now);
+  }
+  if (s.others.counts().writers > 1) {
+    throw std::runtime_error(fmt::format(
+        "another capture server already publishes poses of subject '{0}' in domain {1}; "
+        "end it, or give one of them another --subject or --domain",
+        participant.config().subject, participant.config().domain));
+  }
+  msg::SkeletonDefinition definition;
+  bus::to_message(source.skeleton(), options.source_name, source.rate_hz(), definition);
+  definition.publish_ns(bus::now_ns());
+  s.skeletons.write(definition);
+}
+
+CaptureService::~CaptureService() = default;
+
+CaptureCounts CaptureService::run(std::stop_token stop) {
+  auto& s = *state_;
+  CaptureCounts counts;
+  std::unique_lock lock(s.mutex);
+  const auto sleep_until = [&](Clock::time_point time) {
+    s.alarm.wait_until(lock, stop, time, [] { return false; });
+  };
+
+  s.health.state(msg::SERVICE_WAITING);
+  if (s.options.wait_for_readers > 0) {
+    // One of the readers is this service's own.
+    s.poses.wait_for_readers(s.options.wait_for_readers + 1, kLongestWaitForReaders, stop);
+  }
+
+  const std::uint32_t id = bus::skeleton_id(s.source.skeleton());
+  const auto period = std::chrono::duration<double>(
+      s.options.speed > 0.0 ? 1.0 / (s.source.rate_hz() * s.options.speed) : 0.0);
+  s.health.state(msg::SERVICE_RUNNING);
+
+  msg::SkeletonPose message;
+  StampedPose pose;
+  std::uint64_t frame = 0;
+  auto start = Clock::now();
+  std::int64_t first_stamp_ns = 0;
+  bool first = true;
+  while (!stop.stop_requested()) {
+    if (!s.source.next(pose)) {
+      if (!s.options.loop || !s.source.rewind() || !s.source.next(pose)) break;
+      first = true;  // time goes on from here
+      start = std::max(start, Clock::now());
+    }
+    if (first) {
+      first_stamp_ns = pose.stamp_ns;
+      first = false;
+    }
+    auto due = start;
+    if (s.options.speed > 0.0) {
+      const double since = static_cast<double>(pose.stamp_ns - first_stamp_ns) / s.options.speed;
+      due = start + std::chrono::nanoseconds(static_cast<std::int64_t>(since));
+      sleep_until(due);
+      if (stop.stop_requested()) break;
+      if (Clock::now() > due + period) ++counts.late;
+    }
+    ++frame;
+    if (!pose.pose.is_valid()) {
+      ++counts.refused;
+      s.health.lost(1);
+      continue;
+    }
+    // A replayed pose is measured when it is played.
+    const std::int64_t now = bus::now_ns();
+    pose.frame = frame;
+    pose.stamp_ns = now;
+    bus::to_message(pose, id, message);
+    message.header().publish_ns(bus::now_ns());
+    if (s.poses.write(message)) ++counts.published;
+    s.health.sample(static_cast<double>(message.header().publish_ns() - now) * 1e-9);
+    const auto seen = s.poses.counts();
+    if (s.others.counts().writers > 1) {
+      s.health.state(msg::SERVICE_FAULT,
+                     "another capture server publishes poses of this subject too; end one");
+    } else if (seen.incompatible > 0) {
+      s.health.state(msg::SERVICE_RUNNING, "a reader asks for another QoS and gets no poses");
+    } else {
+      s.health.state(msg::SERVICE_RUNNING);
+    }
+    s.health.tick(now);
+  }
+  s.health.state(msg::SERVICE_ENDED);
+  return counts;
+}
+
+}  // namespace secondskin::server

@@ -1,0 +1,29 @@
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "motion/skeleton.h"
+
+namespace secondskin::server {
+
+/// Anything that yields poses of one canonical body: a recording, a capture system, a simulation.
+/// Belongs to the capture service; not safe to share between threads.
+class PoseSource {
+ public:
+  virtual ~PoseSource() = default;
+
+  virtual const Skeleton& skeleton() const = 0;
+  virtual double rate_hz() const = 0;  ///< nominal
+
+  /// Gives the next pose. Its stamp is the time of measurement: for a recording, from the
+  /// recording, so only differences mean something. Poses that are not valid are passed on as they
+  /// are; the service refuses and counts them.
+  /// @returns false at the end.
+  [[nodiscard]] virtual bool next(StampedPose& pose) = 0;
+
+  /// Starts again from the beginning. @returns false for a source that cannot (a live one).
+  virtual bool rewind() = 0;
+};
+
+}  // namespace secondskin::server

@@ -1,0 +1,67 @@
+#include <gtest/gtest.h>
+
+#include <cstddef>
+#include <filesystem>
+
+#include "coach/tactile/tactile_mapper.h"
+
+// Eigen calls malloc itself, so malloc is what must be counted. The sanitizers bring their own.
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+#define COUNTS_MALLOC 1
+
+namespace {
+thread_local long allocations = 0;
+}
+
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+
+void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t count, std::size_t size) {
+  ++allocations;
+  return __libc_calloc(count, size);
+}
+void* realloc(void* at, std::size_t size) {
+  ++allocations;
+  return __libc_realloc(at, size);
+}
+}
+#endif
+
+namespace secondskin::coach {
+namespace {
+
+TEST(TactileMapper, AllocatesNothing) {
+#ifdef COUNTS_MALLOC
+  TactileMapper mapper(
+      BodyMap::load(std::filesystem::path(SECONDSKIN_SOURCE_DIR) / "body_maps" / "arms.toml"));
+  CorrectionResult correction;
+  correction.status = SolverStatus::kConverged;
+  JointVectors error = zero_vectors();
+  std::array<double, kJointCount> tolerance;
+  tolerance.fill(0.1);
+  const long before = allocations;
+  for (int frame = 0; frame < 1000; ++frame) {
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const double phase = 0.05 * frame + static_cast<double>(j);
+      error[j] = Eigen::Vector3d(std::sin(phase), std::cos(phase), std::sin(2.0 * phase));
+      correction.target[j] = error[j];
+      correction.benefit[j] = 0.5 + 0.5 * std::sin(3.0 * phase);
+    }
+    (void)mapper.update(frame * 16'000'000LL, correction, error, tolerance, true);
+  }
+  const long counted = allocations - before;
+  EXPECT_EQ(counted, 0);
+  EXPECT_GT(mapper.cues_given(), 10u);
+#else
+  GTEST_SKIP() << "the sanitizers replace malloc";
+#endif
+}
+
+}  // namespace
+}  // namespace secondskin::coach
