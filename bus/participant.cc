@@ -35,11 +35,16 @@ constexpr std::uint32_t kLargestDomain = 232;  // RTPS 2.2, 9.6.1: ports run out
 // The middleware's own words go where ours go.
 class LogToSpdlog final : public dds::LogConsumer {
  public:
+  // Held: the middleware's logging thread outlives spdlog's registry at the program's end.
+  explicit LogToSpdlog(std::shared_ptr<spdlog::logger> logger) : logger_(std::move(logger)) {}
   void Consume(const dds::Log::Entry& entry) override {
     const auto level =
         entry.kind == dds::Log::Kind::Error ? spdlog::level::warn : spdlog::level::debug;
-    spdlog::log(level, "DDS: {} ({})", entry.message, entry.context.category);
+    logger_->log(level, "DDS: {} ({})", entry.message, entry.context.category);
   }
+
+ private:
+  std::shared_ptr<spdlog::logger> logger_;
 };
 
 void load_profiles_once(const std::filesystem::path& file) {
@@ -48,7 +53,7 @@ void load_profiles_once(const std::filesystem::path& file) {
   const std::lock_guard lock(mutex);
   if (loaded.empty()) {
     dds::Log::ClearConsumers();
-    dds::Log::RegisterConsumer(std::make_unique<LogToSpdlog>());
+    dds::Log::RegisterConsumer(std::make_unique<LogToSpdlog>(spdlog::default_logger()));
   }
   std::error_code error;
   const auto path = std::filesystem::canonical(file, error);

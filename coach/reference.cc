@@ -2,14 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <toml++/toml.h>
+
 #include <cmath>
 #include <numbers>
 #include <optional>
 #include <stdexcept>
 #include <string_view>
 #include <utility>
-#define TOML_HEADER_ONLY 1
-#include <toml++/toml.h>
 
 namespace secondskin::coach {
 namespace {

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include "bus/writer.h"
 #include "session.h"
 
 // Whatever dies, the skin is left alone: real processes are killed while tactors are driven, and
@@ -106,6 +107,27 @@ TEST_F(Safety, AKilledTrainLeavesNothingOn) {
   EXPECT_EQ(info.exit_code(), 0) << info.output();
   EXPECT_TRUE(info.says("finished: false")) << info.output();
   EXPECT_TRUE(info.says("/pose")) << info.output();
+}
+
+TEST_F(Safety, AStopOnTheTopicTurnsEverythingOffAtOnce) {
+  begin();
+  parts_.push_back(session_.tactors());
+  parts_.push_back(session_.capture());
+  parts_.push_back(session_.coach());
+  bus::Config config;
+  config.domain = 10 + static_cast<std::uint32_t>(::getpid()) % 90;
+  config.subject = "test_" + std::to_string(::getpid());
+  config.qos_file = SECONDSKIN_SOURCE_DIR "/idl/qos.xml";
+  bus::Participant participant(config);
+  bus::Writer<bus::msg::EmergencyStop> writer(participant);
+  ASSERT_TRUE(writer.wait_for_readers(2, 20s)) << "driver and coach";
+  wait_until_on();
+  bus::msg::EmergencyStop stop;
+  stop.active(true);
+  const std::int64_t said = monotonic_ns();
+  ASSERT_TRUE(writer.write(stop));
+  let_time_pass();
+  EXPECT_TRUE(all_off_within(session_.waveform(), said, kLongest_ns)) << log();
 }
 
 TEST_F(Safety, AStopFromAnotherProgramTurnsEverythingOffUntilItIsLifted) {

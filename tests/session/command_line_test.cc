@@ -1,0 +1,116 @@
+#include <gtest/gtest.h>
+
+#include <fstream>
+
+#include "session.h"
+
+namespace secondskin::session {
+namespace {
+
+TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
+  const Session session;
+  for (const std::vector<std::string>& command : {std::vector<std::string>{"train"},
+                                                  {"capture"},
+                                                  {"coach"},
+                                                  {"tactors"},
+                                                  {"record"},
+                                                  {"virtual-board"},
+                                                  {"stop"},
+                                                  {"export"},
+                                                  {"info"},
+                                                  {"replay"},
+                                                  {"align"},
+                                                  {"score"},
+                                                  {"reference"},
+                                                  {"reference", "list"},
+                                                  {"reference", "show"},
+                                                  {"reference", "add"},
+                                                  {"doctor"}}) {
+    auto arguments = command;
+    arguments.push_back("--help");
+    Process help = session.start("help", arguments);
+    ASSERT_TRUE(help.wait(10s));
+    EXPECT_EQ(help.exit_code(), 0) << help.output();
+    EXPECT_TRUE(help.says("Example:  secondskin " + command[0])) << help.output();
+  }
+}
+
+TEST(CommandLine, TakesEveryOptionFromAFileToo) {
+  const Session session;
+  std::ofstream(session.folder / "secondskin.toml")
+      << "[export]\nto = \"" << (session.folder / "from_file.csv") << "\"\n";
+  Process process =
+      session.start("export", {"--config", session.folder / "secondskin.toml", "export",
+                               SECONDSKIN_SOURCE_DIR "/reference_motions/squat/motion.bvh"});
+  ASSERT_TRUE(process.wait(20s));
+  EXPECT_EQ(process.exit_code(), 0) << process.output();
+  EXPECT_TRUE(std::filesystem::exists(session.folder / "from_file.csv")) << process.output();
+}
+
+TEST(CommandLine, AReferenceThatIsAddedCanBeUsedAtOnce) {
+  const Session session;
+  ::setenv("XDG_DATA_HOME", (session.folder / "data").c_str(), 1);
+  Process add = session.start(
+      "add",
+      {"reference", "add", SECONDSKIN_SOURCE_DIR "/reference_motions/squat/learner.bvh", "--name",
+       "my squat", "--description", "with \"quotes\"", "--start", "0.5", "--end", "2.5"});
+  ASSERT_TRUE(add.wait(20s));
+  ASSERT_EQ(add.exit_code(), 0) << add.output();
+  Process show = session.start("show", {"reference", "show", "my squat"});
+  ASSERT_TRUE(show.wait(20s));
+  EXPECT_EQ(show.exit_code(), 0) << show.output();
+  EXPECT_TRUE(show.says("with \"quotes\"")) << show.output();
+  EXPECT_TRUE(show.says("2.00 s")) << show.output();
+  Process list = session.start("list", {"reference", "list"});
+  ASSERT_TRUE(list.wait(20s));
+  EXPECT_TRUE(list.says("my squat")) << list.output();
+  EXPECT_TRUE(list.says("low_block")) << list.output();
+  Process again = session.start(
+      "again", {"reference", "add", SECONDSKIN_SOURCE_DIR "/reference_motions/squat/learner.bvh",
+                "--name", "my squat"});
+  ASSERT_TRUE(again.wait(20s));
+  EXPECT_NE(again.exit_code(), 0);
+  EXPECT_TRUE(again.says("exists already")) << again.output();
+  ::unsetenv("XDG_DATA_HOME");
+}
+
+TEST(CommandLine, DoctorFindsNothingWrongHereAndNamesAMissingPort) {
+  const Session session;
+  Process good = session.start("doctor", session.on_bus({"doctor"}));
+  ASSERT_TRUE(good.wait(30s));
+  EXPECT_EQ(good.exit_code(), 0) << good.output();
+  Process bad = session.start("doctor", session.on_bus({"doctor", "--port", "/dev/nothing"}));
+  ASSERT_TRUE(bad.wait(30s));
+  EXPECT_EQ(bad.exit_code(), 1);
+  EXPECT_TRUE(bad.says("PROBLEM port /dev/nothing")) << bad.output();
+}
+
+TEST(CommandLine, ExportsAnglesThatAreTheMotions) {
+  const Session session;
+  const std::string csv = session.folder / "angles.csv";
+  Process process = session.start(
+      "export",
+      {"export", SECONDSKIN_SOURCE_DIR "/reference_motions/squat/motion.bvh", "--to", csv});
+  ASSERT_TRUE(process.wait(20s));
+  ASSERT_EQ(process.exit_code(), 0) << process.output();
+  std::ifstream in(csv);
+  std::string header, line;
+  std::getline(in, header);
+  std::size_t column = 0;
+  std::istringstream names(header);
+  for (std::string name; std::getline(names, name, ',') && name != "left_knee_flexion_deg";) {
+    ++column;
+  }
+  double deepest = 0.0;
+  while (std::getline(in, line)) {
+    std::istringstream fields(line);
+    std::string field;
+    for (std::size_t i = 0; i <= column; ++i) std::getline(fields, field, ',');
+    deepest = std::max(deepest, std::stod(field));
+  }
+  EXPECT_GT(deepest, 90.0);  // a deep squat
+  EXPECT_LT(deepest, 165.0);
+}
+
+}  // namespace
+}  // namespace secondskin::session
