@@ -96,6 +96,9 @@ dds::DomainParticipantQos qos_of(const Config& config) {
   // A killed program is forgotten, and its liveliness lost, within this.
   discovery.discovery_config.leaseDuration = {5, 0};
   discovery.discovery_config.leaseDuration_announcementperiod = {1, 0};
+  // A first announcement can pass before the other side listens; the next one is then soon.
+  discovery.discovery_config.initial_announcements.count = 25;
+  discovery.discovery_config.initial_announcements.period = {0, 20'000'000};
   if (config.reach == Reach::kThisMachine) {
     udp->interfaceWhiteList.emplace_back("127.0.0.1");
     udp->maxInitialPeersRange = kParticipantsOnThisMachine;

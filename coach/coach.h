@@ -63,6 +63,9 @@ class Coach {
   const std::array<double, kJointCount>& tolerance() const noexcept { return tolerance_; }
   std::span<const Cue> cues() const noexcept { return mapper_.cues(); }
   std::uint64_t cues_given() const noexcept { return mapper_.cues_given(); }
+  const std::array<std::uint64_t, kJointCount>& cues_by_joint() const noexcept {
+    return mapper_.cues_by_joint();
+  }
   std::uint64_t problems_posed() const noexcept { return posed_; }
 
  private:

@@ -9,6 +9,8 @@
 
 #include "bus/health.h"
 #include "bus/pose_messages.h"
+#include "bus/sole_writer.h"
+#include "bus/stop_state.h"
 #include "bus/wait_set.h"
 #include "coach/coach_messages.h"
 
@@ -22,17 +24,18 @@ struct CoachService::State {
         skeletons(participant),
         poses(participant),
         commands(participant),
-        stops(participant),
+        stop(participant),
         alignments(participant),
         corrections(participant),
         tactors(participant),
+        sole(participant, "coach"),
         repetitions(participant),
         states(participant),
         references(participant),
         health(participant, "coach") {
     for (bus::ReaderBase* reader :
          {static_cast<bus::ReaderBase*>(&skeletons), static_cast<bus::ReaderBase*>(&poses),
-          static_cast<bus::ReaderBase*>(&commands), static_cast<bus::ReaderBase*>(&stops)}) {
+          static_cast<bus::ReaderBase*>(&commands), &stop.reader()}) {
       news.attach(*reader);
     }
     out.alignment = {};
@@ -64,8 +67,9 @@ struct CoachService::State {
         chosen, *body, CorrectionOptions{.tolerance_scale = options.settings.tolerance_scale},
         options.solve_limit);
     coach = std::make_unique<Coach>(chosen, options.body_map, options.settings, *solver);
-    coach->mute(stopped);
+    coach->mute(stop.active());
     ++session_number;
+    session_start_ns = bus::now_ns();
     repetition_count = 0;
     phase = msg::SESSION_RUNNING;
     state_changed = true;
@@ -82,7 +86,12 @@ struct CoachService::State {
   }
 
   void count_solver() {
-    if (coach) summary.cues += coach->cues_given();
+    if (coach) {
+      summary.cues += coach->cues_given();
+      for (std::size_t j = 0; j < kJointCount; ++j) {
+        summary.cues_by_joint[j] += coach->cues_by_joint()[j];
+      }
+    }
     if (solver) summary.solver_cpu += solver->cpu_time();
   }
 
@@ -144,14 +153,11 @@ struct CoachService::State {
   void take_orders() {
     msg::SkeletonDefinition definition;
     if (skeletons.take_newest(definition) > 0) meet(definition);
-    msg::EmergencyStop stop;
-    if (stops.take_newest(stop) > 0 && stop.active() != stopped) {
-      stopped = stop.active();
-      if (coach) coach->mute(stopped);
-      if (stopped) all_off();
+    if (stop.poll()) {
+      if (coach) coach->mute(stop.active());
+      if (stop.active()) all_off();
       state_changed = true;
-      spdlog::warn("emergency stop {}: {}", stopped ? "in force" : "lifted",
-                   stop.reason().to_string());
+      spdlog::warn("emergency stop {}: {}", stop.active() ? "in force" : "lifted", stop.reason());
     }
     msg::SessionCommand order;
     while (commands.take(order)) obey(order);
@@ -180,9 +186,9 @@ struct CoachService::State {
     // It holds from the next frame on.
     message.header().frame(pose.frame + 1);
     message.header().stamp_ns(pose.stamp_ns + 1);
-    message.session_number(session_number);
+    message.session_start_ns(session_start_ns);
     message.phase(phase);
-    message.stopped(stopped);
+    message.stopped(stop.active());
     const auto& chosen = *options.references.at(reference_index);
     message.reference(chosen.name.substr(0, 64));
     message.reference_fingerprint(fingerprint(chosen));
@@ -230,24 +236,15 @@ struct CoachService::State {
       ++summary.corrections;
       if (out.correction.status == SolverStatus::kFallback) ++summary.fallbacks;
     }
-    count_onsets();
     health.sample(static_cast<double>(command.header().publish_ns() - pose.stamp_ns) * 1e-9);
     health.confidence(out.alignment.confidence);
     if (look) look({pose, out, coach->cues()});
   }
 
-  void count_onsets() {
-    std::array<bool, kJointCount> now{};
-    for (const Cue& cue : coach->cues()) {
-      const auto j = index(cue.joint);
-      now[j] = true;
-      if (!cued[j]) ++summary.cues_by_joint[j];
-    }
-    cued = now;
-  }
-
   void report() {
-    if (!complaint.empty()) {
+    if (sole.another()) {
+      health.state(msg::SERVICE_FAULT, "another coach commands the tactors too; end one");
+    } else if (!complaint.empty()) {
       health.state(msg::SERVICE_FAULT, complaint);
     } else if (!body) {
       health.state(msg::SERVICE_WAITING, "waiting for a capture server on this subject");
@@ -266,11 +263,12 @@ struct CoachService::State {
   bus::Reader<msg::SkeletonDefinition> skeletons;
   bus::Reader<msg::SkeletonPose> poses;
   bus::Reader<msg::SessionCommand> commands;
-  bus::Reader<msg::EmergencyStop> stops;
+  bus::StopState stop;
   bus::WaitSet news;
   bus::Writer<msg::Alignment> alignments;
   bus::Writer<msg::Correction> corrections;
   bus::Writer<msg::TactorCommand> tactors;
+  bus::SoleWriter<msg::TactorCommand> sole;
   bus::Writer<msg::RepetitionScore> repetitions;
   bus::Writer<msg::SessionState> states;
   bus::Writer<msg::ReferenceMotionList> references;
@@ -282,14 +280,13 @@ struct CoachService::State {
   std::unique_ptr<SolverThread> solver;
   std::unique_ptr<Coach> coach;  // after the solver that it uses
   bool wanted = true;            // a session is to run
-  bool stopped = false;
   bool state_changed = false;
   std::string complaint;  // why the last order or body was refused
   msg::SessionPhase phase = msg::SESSION_IDLE;
   std::uint32_t session_number = 0;
+  std::int64_t session_start_ns = 0;
   std::uint32_t repetition_count = 0;
   std::uint64_t command_number = 0;
-  std::array<bool, kJointCount> cued{};
 
   // Kept from frame to frame, so that their memory is.
   StampedPose pose;

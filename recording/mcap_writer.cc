@@ -146,7 +146,10 @@ McapWriter::State::State(const std::filesystem::path& path_in, McapWriterOptions
   chunk_ns = static_cast<std::uint64_t>(std::llround(options.chunk_seconds * 1e9));
   fd = ::open(path.c_str(), O_RDWR | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   if (fd < 0) {
-    throw std::system_error(last_error(), fmt::format("cannot create recording {}", path.string()));
+    throw std::system_error(
+        last_error(),
+        fmt::format("cannot create recording {} (one that exists is never overwritten)",
+                    path.string()));
   }
   head.raw(mcap::kMagic);
   const std::size_t content = head.open_record(Op::kHeader);

@@ -11,8 +11,7 @@
 
 #include "bus/health.h"
 #include "bus/pose_messages.h"
-#include "bus/reader.h"
-#include "bus/wait_set.h"
+#include "bus/sole_writer.h"
 #include "bus/writer.h"
 
 namespace secondskin::server {
@@ -23,8 +22,6 @@ using namespace std::chrono_literals;
 
 namespace {
 
-// Long enough to discover another server on this machine or a local network.
-constexpr auto kLookForOthers = 400ms;
 constexpr auto kLongestWaitForReaders = 5s;
 
 }  // namespace
@@ -33,18 +30,15 @@ struct CaptureService::State {
   State(bus::Participant& participant, PoseSource& source_, const CaptureOptions& options_)
       : source(source_),
         options(options_),
-        others(participant),
         poses(participant),
+        sole(participant, "capture server"),
         skeletons(participant),
-        health(participant, "capture") {
-    news.attach(others);
-  }
+        health(participant, "capture") {}
 
   PoseSource& source;
   CaptureOptions options;
-  bus::Reader<msg::SkeletonPose> others;  // hears of other capture servers, and of this one
-  bus::WaitSet news;
   bus::Writer<msg::SkeletonPose> poses;
+  bus::SoleWriter<msg::SkeletonPose> sole;
   bus::Writer<msg::SkeletonDefinition> skeletons;
   bus::HealthReporter health;
   std::mutex mutex;
@@ -55,16 +49,6 @@ CaptureService::CaptureService(bus::Participant& participant, PoseSource& source
                                const CaptureOptions& options)
     : state_(std::make_unique<State>(participant, source, options)) {
   auto& s = *state_;
-  const auto end = Clock::now() + kLookForOthers;
-  for (auto now = Clock::now(); now < end && s.others.counts().writers < 2; now = Clock::now()) {
-    s.news.wait(end - now);
-  }
-  if (s.others.counts().writers > 1) {
-    throw std::runtime_error(fmt::format(
-        "another capture server already publishes poses of subject '{0}' in domain {1}; "
-        "end it, or give one of them another --subject or --domain",
-        participant.config().subject, participant.config().domain));
-  }
   msg::SkeletonDefinition definition;
   bus::to_message(source.skeleton(), options.source_name, source.rate_hz(), definition);
   definition.publish_ns(bus::now_ns());
@@ -131,7 +115,7 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
     if (s.poses.write(message)) ++counts.published;
     s.health.sample(static_cast<double>(message.header().publish_ns() - now) * 1e-9);
     const auto seen = s.poses.counts();
-    if (s.others.counts().writers > 1) {
+    if (s.sole.another()) {
       s.health.state(msg::SERVICE_FAULT,
                      "another capture server publishes poses of this subject too; end one");
     } else if (seen.incompatible > 0) {

@@ -2,6 +2,7 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <sys/file.h>
 #include <sys/ioctl.h>
 #include <sys/stat.h>
 #include <sys/sysmacros.h>
@@ -82,6 +83,9 @@ bool SerialPort::poll(double now) noexcept {
 void SerialPort::open() noexcept {
   fd_ = ::open(path_.c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK | O_CLOEXEC);
   if (fd_ < 0) return lose(Trouble::kOpen, errno);
+  // One driver a board: two would undo each other's commands. Pseudo-terminals know no TIOCEXCL, so
+  // the lock of the file itself is taken; the guardian's duplicate holds it too.
+  if (::flock(fd_, LOCK_EX | LOCK_NB) != 0) return lose(Trouble::kOpen, EBUSY);
   termios settings{};
   if (::tcgetattr(fd_, &settings) != 0) return lose(Trouble::kOpen, ENOTTY);
   ::cfmakeraw(&settings);

@@ -56,7 +56,7 @@ Finding check_references() {
 }
 
 Finding check_bus(bus::Config config) {
-  config.subject = fmt::format("doctor_{}", ::getpid());
+  config.subject += fmt::format("_doctor{}", ::getpid());
   const char* how = config.udp_only ? "UDP on 127.0.0.1" : "shared memory and UDP on 127.0.0.1";
   try {
     bus::Participant here(config), there(config);

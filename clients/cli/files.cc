@@ -227,7 +227,8 @@ void score_command(CLI::App& app) {
         all.push_back(to_json(name, *score));
         if (!options->json) {
           fmt::print("{}: repetition {} from {:.2f} to {:.2f} s: {:.1f}\n", name, score->repetition,
-                     seconds(score->start_ns), seconds(score->end_ns), score->total);
+                     seconds(score->start_ns - 1'000'000), seconds(score->end_ns - 1'000'000),
+                     score->total);
         }
       };
       follow(reference, *source,
@@ -298,15 +299,28 @@ json describe_motion(const fs::path& file, const Library& library, const Retarge
   return out;
 }
 
+std::string plain(const json& value) {
+  return value.is_string() ? value.get<std::string>() : value.dump();
+}
+
+// Nested objects as indented lines; a list of objects a line each, their values beside each other.
 void print_tree(const json& value, int depth) {
+  const std::string indent(static_cast<std::size_t>(2 * depth), ' ');
   for (const auto& [key, item] : value.items()) {
-    const std::string indent(static_cast<std::size_t>(2 * depth), ' ');
-    if (item.is_object() || (item.is_array() && !item.empty() && item.front().is_structured())) {
-      fmt::print("{}{}\n", indent, value.is_array() ? "-" : key + ":");
+    if (item.is_object()) {
+      fmt::print("{}{}:\n", indent, key);
       print_tree(item, depth + 1);
-    } else {
-      fmt::print("{}{}: {}\n", indent, key,
-                 item.is_string() ? item.get<std::string>() : item.dump());
+    } else if (item.is_array() && !item.empty() && item.front().is_object()) {
+      fmt::print("{}{}:\n", indent, key);
+      for (const auto& row : item) {
+        std::string line = indent + "  ";
+        for (const auto& [name, field] : row.items()) {
+          line += fmt::format("{}{}", plain(field), field.is_number() ? " " + name + "  " : "  ");
+        }
+        fmt::print("{}\n", line);
+      }
+    } else if (!item.is_array() || !item.empty()) {
+      fmt::print("{}{}: {}\n", indent, key, plain(item));
     }
   }
 }
@@ -394,7 +408,7 @@ void replay_command(CLI::App& app) {
       ->required()
       ->check(CLI::ExistingFile);
   command->add_option("--speed", options->speed, "times the recording's own")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   command->add_flag("--coach", options->coach, "run the coach again and compare its commands");
   command->add_flag("--json", options->json, "with --coach: the result as JSON");

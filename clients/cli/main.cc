@@ -24,6 +24,8 @@ int run(int argc, char** argv) {
   app.set_config("--config", "secondskin.toml",
                  "a file that holds options, e.g.  [train]\\nreference = \"squat\"");
   app.require_subcommand(1);
+  app.fallthrough();  // so that --config and -v may stand after the command, too
+  app.allow_config_extras(CLI::config_extras_mode::error);
   app.add_flag_callback(
       "-v,--verbose", [] { spdlog::set_level(spdlog::level::debug); },
       "say more on standard error");
@@ -32,6 +34,12 @@ int run(int argc, char** argv) {
   cli::add_files(app);
   cli::add_reference(app);
   cli::add_doctor(app);
+  if (argc > 1 && argv[1][0] != '-' &&
+      app.get_subcommands([&](CLI::App* known) { return known->check_name(argv[1]); }).empty()) {
+    fmt::print(stderr, "secondskin: '{}' is no command; run with --help to see them all\n",
+               argv[1]);
+    return EXIT_FAILURE;
+  }
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& error) {

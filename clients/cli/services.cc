@@ -1,9 +1,11 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <condition_variable>
-#include <mutex>
+#include <chrono>
+#include <map>
 
+#include "bus/reader.h"
+#include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
 #include "clients/recorder/recorder_service.h"
@@ -30,7 +32,7 @@ void capture(CLI::App& app) {
   command->add_option("source", options->capture.source_name, "replay:FILE or FILE (.bvh, .mcap)")
       ->required();
   command->add_option("--speed", options->capture.speed, "times the source's own rate")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   command->add_flag("--fast", options->fast, "as fast as it can go");
   command->add_flag("--loop", options->capture.loop, "start again at the end");
@@ -188,10 +190,27 @@ void record(CLI::App& app) {
   });
 }
 
+/// Sleeps until what a reader gets answers a question, or `at_most` is over. @returns whether it
+/// did.
+template <class Answered>
+bool wait_for(bus::ReaderBase& answers, std::chrono::nanoseconds at_most, std::stop_token stop,
+              Answered answered) {
+  using Clock = std::chrono::steady_clock;
+  bus::WaitSet news;
+  news.attach(answers);
+  const std::stop_callback wake(stop, [&news] { news.wake(); });
+  const auto end = Clock::now() + at_most;
+  for (auto now = Clock::now(); now < end && !stop.stop_requested(); now = Clock::now()) {
+    if (answered()) return true;
+    news.wait(end - now);
+  }
+  return answered();
+}
+
 void stop(CLI::App& app) {
   struct Options {
     BusOptions bus;
-    std::string reason = "command";
+    std::string reason = "asked on the command line";
     bool lift = false;
   };
   auto options = std::make_shared<Options>();
@@ -206,26 +225,103 @@ void stop(CLI::App& app) {
     StopOnSignal signals;
     bus::Participant participant(options->bus.configuration("secondskin_stop"));
     bus::Writer<bus::msg::EmergencyStop> writer(participant);
-    bus::msg::EmergencyStop message;
+    bus::Reader<bus::msg::EmergencyStop> repeated(participant, bus::Want::kEvery);
+    bus::msg::EmergencyStop message, answer;
     message.active(!options->lift);
     message.reason(options->reason.substr(0, 128));
     message.publish_ns(bus::now_ns());
-    writer.write(message);  // each reader gets it as soon as it is found (transient local)
-    if (!writer.wait_for_readers(1, 3s, signals.token())) {
+    // Driver and coach repeat what they obey (bus/stop_state.h); our own word comes back, too.
+    std::size_t heard = 0;
+    const auto count = [&] {
+      while (repeated.take(answer)) heard += answer.publish_ns() == message.publish_ns() ? 1 : 0;
+      return heard >= 2;
+    };
+    writer.write(message);
+    wait_for(repeated, 3s, signals.token(), count);
+    // The driver and the coach are found one after the other, and whoever is missed by a lift would
+    // stay stopped.
+    wait_for(repeated, 1s, signals.token(), [&] {
+      count();
+      return false;
+    });
+    if (heard < 2) {
       throw std::runtime_error(
-          fmt::format("no tactor driver and no coach on subject '{}', domain {}: nothing to stop",
+          fmt::format("nobody obeys: no tactor driver and no coach on subject '{}', domain {}",
                       options->bus.config.subject, options->bus.config.domain));
     }
-    // The driver, the coach and others are found one after the other; who is missed by a lift would
-    // stay stopped.
-    std::mutex mutex;
-    std::condition_variable_any alarm;
-    std::unique_lock lock(mutex);
-    alarm.wait_for(lock, signals.token(), 1s, [] { return false; });
-    if (!writer.wait_until_delivered(2s)) {
-      throw std::runtime_error("somebody did not confirm; say it again");
-    }
     fmt::print("{}\n", options->lift ? "vibration is allowed again" : "all vibration is off");
+  });
+}
+
+void session(CLI::App& app) {
+  struct Options {
+    BusOptions bus;
+    std::string action;
+    std::string reference;
+    double tolerance_scale = 0.0;
+    std::uint32_t max_cues = 0;
+  };
+  auto options = std::make_shared<Options>();
+  auto* command = app.add_subcommand("session", "start, pause, resume or stop a coach's session");
+  command->footer("Example:  secondskin session start --reference squat");
+  command->add_option("action", options->action, "start, pause, resume or stop")
+      ->required()
+      ->check(CLI::IsMember({"start", "pause", "resume", "stop"}));
+  command->add_option("--reference", options->reference,
+                      "with start: one that the coach knows (default: as before)");
+  command
+      ->add_option("--tolerance-scale", options->tolerance_scale,
+                   "with start: times the reference's tolerances (default: as before)")
+      ->check(CLI::Range(0.1, 10.0));
+  command
+      ->add_option("--max-cues", options->max_cues,
+                   "with start: joints cued at once (default: as before)")
+      ->check(CLI::Range(1, 16));
+  add_bus_options(*command, options->bus);
+  command->callback([options] {
+    using namespace std::chrono_literals;
+    namespace msg = bus::msg;
+    StopOnSignal signals;
+    bus::Participant participant(options->bus.configuration("secondskin_session"));
+    bus::Writer<msg::SessionCommand> writer(participant);
+    bus::Reader<msg::SessionState> states(participant, bus::Want::kEvery);
+    bus::Reader<msg::ServiceHealth> health(participant, bus::Want::kEvery);
+    const std::map<std::string, std::pair<msg::SessionAction, msg::SessionPhase>> actions{
+        {"start", {msg::SESSION_START, msg::SESSION_RUNNING}},
+        {"pause", {msg::SESSION_PAUSE, msg::SESSION_PAUSED}},
+        {"resume", {msg::SESSION_RESUME, msg::SESSION_RUNNING}},
+        {"stop", {msg::SESSION_STOP, msg::SESSION_ENDED}}};
+    const auto [action, wanted] = actions.at(options->action);
+    msg::SessionCommand order;
+    order.action(action);
+    order.reference(options->reference.substr(0, 64));
+    order.tolerance_scale(options->tolerance_scale);
+    order.max_cues(options->max_cues);
+    order.publish_ns(bus::now_ns());
+    if (!writer.wait_for_readers(1, 3s, signals.token())) {
+      throw std::runtime_error(fmt::format("no coach on subject '{}', domain {}",
+                                           options->bus.config.subject,
+                                           options->bus.config.domain));
+    }
+    msg::SessionState state;
+    msg::ServiceHealth complaint;
+    writer.write(order);
+    const bool obeyed = wait_for(states, 5s, signals.token(), [&, wanted = wanted] {
+      bool done = false;
+      while (states.take(state)) {
+        done =
+            done || (state.phase() == wanted && state.header().publish_ns() >= order.publish_ns());
+      }
+      return done;
+    });
+    while (health.take(complaint)) {
+      if (!obeyed && complaint.service().to_string() == "coach" &&
+          complaint.state() == msg::SERVICE_FAULT) {
+        throw std::runtime_error("the coach says: " + complaint.message().to_string());
+      }
+    }
+    if (!obeyed) throw std::runtime_error("the coach did not answer within 5 s");
+    fmt::print("session: {} '{}'\n", options->action, state.reference().to_string());
   });
 }
 
@@ -238,6 +334,7 @@ void add_services(CLI::App& app) {
   record(app);
   virtual_board(app);
   stop(app);
+  session(app);
 }
 
 }  // namespace secondskin::cli

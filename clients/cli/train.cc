@@ -96,6 +96,10 @@ std::string words(const coach::Cue& cue) {
       direction = cue.positive ? "turn in" : "turn out";
       break;
   }
+  if (movement == Movement::kRotation &&
+      (cue.joint == Joint::kLeftElbow || cue.joint == Joint::kRightElbow)) {
+    direction = cue.positive ? "pronate" : "supinate";
+  }
   std::string joint(joint_name(cue.joint));
   std::replace(joint.begin(), joint.end(), '_', ' ');
   return fmt::format("{} {}", direction, joint);
@@ -131,15 +135,18 @@ class Terminal {
   static void show(LiveLine& live, const coach::Reference& reference, bool stopped, bool paused) {
     static constexpr const char* kPhases[] = {"waiting", "moving", "paused", "finished", "lost"};
     const std::lock_guard lock(live.mutex);
+    const bool following =
+        live.phase == coach::Phase::kMoving || live.phase == coach::Phase::kPaused;
+    const std::string worst =
+        following ? fmt::format("worst {} {:.0f} deg", live.worst, deg(live.worst_error)) : "";
     std::string cues;
     for (const auto& cue : live.cues) {
       cues += fmt::format("{}{}", cues.empty() ? "" : ", ", words(cue));
     }
     const auto line = fmt::format(
-        "{:5.2f}/{:.2f} s  x{:.2f}  {:<8} rep {}  worst {} {:.0f} deg  [{}]  {:.1f} ms{}",
-        live.reference_time, reference.motion.duration(), live.tempo,
-        kPhases[static_cast<int>(live.phase)], live.repetition, live.worst, deg(live.worst_error),
-        cues.empty() ? "no cue" : cues, live.latency * 1e3,
+        "{:5.2f}/{:.2f} s  x{:.2f}  {:<8} rep {}  {:<27} [{}]  {:.1f} ms{}", live.reference_time,
+        reference.motion.duration(), live.tempo, kPhases[static_cast<int>(live.phase)],
+        live.repetition, worst, cues.empty() ? "no cue" : cues, live.latency * 1e3,
         stopped  ? "  STOPPED"
         : paused ? "  PAUSED"
                  : "");
@@ -187,6 +194,9 @@ void print_summary(const coach::CoachSummary& coach, const coach::Reference& ref
              tactors.counters.pairs);
   fmt::print("Solver: {} corrections, {} by the closed form, {:.2f} s of processor time\n",
              coach.corrections, coach.fallbacks, coach.solver_cpu);
+  if (tactors.counters.connections == 0) {
+    fmt::print("Board: NEVER REACHED: {}\n", tactors.port_trouble);
+  }
   fmt::print("Latency from measured pose to board: p50 {}, p99 {}, max {}\n",
              milliseconds(tactors.latency.quantile(0.5)),
              milliseconds(tactors.latency.quantile(0.99)), milliseconds(tactors.latency.max()));
@@ -231,10 +241,11 @@ void train(TrainOptions& options) {
     }
   }
   auto source = server::open_source(options.learner, library.joint_maps(), options.file.retarget());
+  coach::CoachServiceOptions coach_options;
+  coach_options.references = {reference};
+  coach_options.body_map = library.load_body_map(options.body_map);
+  coach_options.settings = options.settings;
   if (options.recording.empty()) options.recording = default_recording_name(reference->name);
-  if (options.recording.has_parent_path()) {
-    std::filesystem::create_directories(options.recording.parent_path());
-  }
 
   // Each part on its own thread; leaving this function in any way stops and joins them, the board
   // last.
@@ -250,13 +261,9 @@ void train(TrainOptions& options) {
 
   bus::Participant participant(options.bus.configuration("secondskin_train"));
 
-  recorder::RecorderService recorder(participant, {options.recording, library.idl()});
   tactor_driver::TactorService tactors(participant, {options.port, options.baud_rate});
-  coach::CoachServiceOptions coach_options;
-  coach_options.references = {reference};
-  coach_options.body_map = library.load_body_map(options.body_map);
-  coach_options.settings = options.settings;
   coach::CoachService coach(participant, std::move(coach_options));
+  recorder::RecorderService recorder(participant, {options.recording, library.idl()});
   bus::Reader<msg::SessionState> states(participant);
   bus::Writer<msg::SessionCommand> orders(participant);
   bus::Writer<msg::EmergencyStop> stops(participant);
@@ -323,6 +330,8 @@ void train(TrainOptions& options) {
   print_summary(coach_summary, *reference, tactor_summary, capture_counts, recording,
                 options.recording);
   if (!recording.error.empty()) throw std::runtime_error(recording.error);
+  if (tactor_summary.counters.connections == 0)
+    throw std::runtime_error(tactor_summary.port_trouble);
 }
 
 }  // namespace
@@ -355,7 +364,7 @@ void add_train(CLI::App& app) {
   command->add_option("--recording", options->recording,
                       "the file to record into (default: recordings/DATE_REFERENCE.mcap)");
   command->add_option("--speed", options->speed, "play the learner so many times as fast")
-      ->check(CLI::PositiveNumber)
+      ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   command->add_flag("--loop", options->loop, "start the learner again at the end");
   add_file_options(*command, options->file);

@@ -133,7 +133,7 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
   ReplayResult result;
   result.remarks = std::move(recorded.remarks);
   Session session;
-  std::uint32_t number = 0;
+  std::int64_t session_start_ns = 0;
   std::size_t next_state = 0;
   coach::CoachOutput out;
 
@@ -142,9 +142,9 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
     if (auto score = session.coach->finish()) result.repetitions.push_back(*score);
   };
   const auto obey = [&](const msg::SessionState& state, const Skeleton& body) {
-    if (state.session_number() != number && state.phase() == msg::SESSION_RUNNING) {
+    if (state.session_start_ns() != session_start_ns && state.phase() == msg::SESSION_RUNNING) {
       finish();
-      number = state.session_number();
+      session_start_ns = state.session_start_ns();
       ++result.sessions;
       session = {};
       session.reference = library.reference(state.reference().to_string());

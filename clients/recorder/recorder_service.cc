@@ -35,6 +35,11 @@ std::string read_text(const std::filesystem::path& file) {
   return text.str();
 }
 
+std::filesystem::path with_folder(const std::filesystem::path& file) {
+  if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path());
+  return file;
+}
+
 // "secondskin_msgs::msg::dds_::SkeletonPose_" on the wire is secondskin_msgs::msg::SkeletonPose in
 // the IDL.
 std::string schema_name(std::string_view type_name) {
@@ -49,7 +54,9 @@ std::string schema_name(std::string_view type_name) {
 
 struct RecorderService::State {
   State(bus::Participant& participant, const RecorderOptions& options)
-      : raw(participant.config()), writer(options.file), health(participant, "recorder") {
+      : raw(participant.config()),
+        writer(with_folder(options.file)),
+        health(participant, "recorder") {
     const std::string idl = read_text(options.idl);
     for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
       const auto& info = bus::kTopics[t];
@@ -75,6 +82,9 @@ struct RecorderService::State {
 
   // What somebody who opens the file wants to know first.
   void describe(std::size_t topic) {
+    if (topic == bus::kTopicOf<msg::SkeletonPose>) {
+      if (bus::decode(message.bytes, pose)) count_missing(pose.header().frame());
+    }
     if (topic == bus::kTopicOf<msg::SkeletonDefinition>) {
       msg::SkeletonDefinition body;
       if (!bus::decode(message.bytes, body)) return;
@@ -88,8 +98,9 @@ struct RecorderService::State {
                                          {"joints", joints}});
     } else if (topic == bus::kTopicOf<msg::SessionState>) {
       msg::SessionState state;
-      if (!bus::decode(message.bytes, state) || state.session_number() == described_session) return;
-      described_session = state.session_number();
+      if (!bus::decode(message.bytes, state) || state.session_start_ns() == described_session)
+        return;
+      described_session = state.session_start_ns();
       writer.write_metadata(
           "settings", {{"reference", state.reference().to_string()},
                        {"reference_fingerprint", std::to_string(state.reference_fingerprint())},
@@ -100,14 +111,28 @@ struct RecorderService::State {
   }
 
   bus::Participant raw;  // one participant reads a topic either raw or typed
+  // A reliable reader misses only what was published before it was found: after a capture server's
+  // restart the first frames.
+  void count_missing(std::uint64_t frame) {
+    const bool restarted = frame <= last_frame;
+    const std::uint64_t missing = restarted         ? frame - 1
+                                  : last_frame == 0 ? 0
+                                                    : frame - last_frame - 1;
+    counts.lost += missing;
+    health.lost(missing);
+    last_frame = frame;
+  }
+
   recording::McapWriter writer;
   std::vector<std::unique_ptr<bus::RawReader>> readers;
   bus::WaitSet news;
   bus::HealthReporter health;
   std::array<std::uint16_t, bus::kTopics.size()> channels{};
   std::array<std::uint32_t, bus::kTopics.size()> sequence{};
-  std::uint32_t described_session = 0;
+  std::int64_t described_session = 0;
   bus::RawMessage message;
+  msg::SkeletonPose pose;
+  std::uint64_t last_frame = 0;
   RecorderCounts counts;
 };
 
@@ -141,6 +166,7 @@ RecorderCounts RecorderService::run(std::stop_token stop) {
     s.health.state(msg::SERVICE_FAULT, error.what());
   }
   for (const auto& reader : s.readers) s.counts.lost += reader->counts().lost;
+  s.counts.messages = s.writer.messages();
   s.counts.bytes = s.writer.stored_bytes();
   return s.counts;
 }

@@ -19,7 +19,7 @@ struct RecorderOptions {
 struct RecorderCounts {
   std::uint64_t messages = 0;
   std::uint64_t bytes = 0;
-  std::uint64_t lost = 0;  ///< messages that did not arrive, as far as the bus knows
+  std::uint64_t lost = 0;  ///< messages that did not arrive, by the bus and by the poses' frames
   std::string error;       ///< why recording ended early; empty when it did not
 };
 

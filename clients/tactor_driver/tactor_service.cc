@@ -8,6 +8,7 @@
 
 #include "bus/health.h"
 #include "bus/reader.h"
+#include "bus/stop_state.h"
 #include "bus/wait_set.h"
 #include "clients/tactor_driver/guardian.h"
 #include "wire/serial_port.h"
@@ -34,10 +35,10 @@ struct TactorService::State {
         port(options.port, options.baud_rate),
         core(port.byte_rate()),
         commands(participant),
-        stops(participant),
+        stop(participant),
         health(participant, "tactors") {
     news.attach(commands);
-    news.attach(stops);
+    news.attach(stop.reader());
   }
 
   void watch_port(double now) {
@@ -55,10 +56,17 @@ struct TactorService::State {
       linked = true;
       spdlog::info("tactor board on {}", port.path());
     }
-    if (!port.connected() && linked) {
+    if (port.connected()) {
+      trouble.clear();
+      return;
+    }
+    if (linked) {
       guardian.drop();
       unlink();
-      spdlog::warn("{}; waiting for it to come back", port.last_error());
+    }
+    if (port.last_error() != trouble) {
+      trouble = port.last_error();
+      spdlog::warn("{}; waiting for it", trouble);
     }
   }
 
@@ -79,18 +87,19 @@ struct TactorService::State {
   }
 
   void take_messages(double now) {
-    if (stops.take_newest(stop) > 0 && stop.active() != core.stopped()) {
+    if (stop.poll()) {
       core.stop(stop.active(), now);
-      spdlog::warn("emergency stop {}: {}", stop.active() ? "in force" : "lifted",
-                   stop.reason().to_string());
+      spdlog::warn("emergency stop {}: {}", stop.active() ? "in force" : "lifted", stop.reason());
     }
     if (commands.take_newest(command) > 0) {
+      // An all-off at a session's end repeats the last sample's stamp: its age is no latency.
+      const bool of_new_sample = command.header().stamp_ns() != newest.stamp_ns;
       newest.intensities = command.intensities();
       newest.stamp_ns = command.header().stamp_ns();
       newest.valid_for = static_cast<double>(command.valid_for_ns()) * 1e-9;
       newest.number = command.command_number();
       if (core.push(newest, now) == Verdict::kTaken) {
-        fresh = true;
+        fresh = fresh || of_new_sample;
       } else {
         health.lost(1);
       }
@@ -118,15 +127,15 @@ struct TactorService::State {
   wire::SerialPort port;
   DriverCore core;
   bus::Reader<msg::TactorCommand> commands;
-  bus::Reader<msg::EmergencyStop> stops;
+  bus::StopState stop;
   bus::WaitSet news;
   bus::HealthReporter health;
   std::uint64_t openings = 0;
   bool linked = false;
+  std::string trouble;  // what was last said of the port
   bool coach_alive = false;
   bool fresh = false;  // a command was taken whose bytes have not gone out
   msg::TactorCommand command;
-  msg::EmergencyStop stop;
   DriverCommand newest;
 };
 
@@ -162,7 +171,7 @@ TactorSummary TactorService::run(std::stop_token stop) {
   s.say_goodbye();
   s.guardian.finish();
   s.health.state(msg::SERVICE_ENDED);
-  return {s.core.counters(), s.health.latency()};
+  return {s.core.counters(), s.health.latency(), s.trouble};
 }
 
 }  // namespace secondskin::tactor_driver

@@ -21,6 +21,7 @@ struct TactorOptions {
 struct TactorSummary {
   DriverCounters counters;
   bus::LatencyHistogram latency;  ///< from a sample's measurement to its bytes at the port
+  std::string port_trouble;       ///< why the port was not open at the end; empty when it was
 };
 
 class TactorService {

@@ -31,8 +31,8 @@ std::optional<RepetitionScore> RepetitionScorer::update(std::int64_t stamp_ns,
       return std::nullopt;
     case Phase::kFinished: {
       last_ns_ = stamp_ns;
-      repetition_ = std::max(1U, alignment.repetition);
-      return finish();
+      // The aligner knows that enough of the path was done; time says nothing where a motion rests.
+      return frames_ > 0 ? std::optional(complete()) : std::nullopt;
     }
     case Phase::kLost:
       return std::nullopt;
@@ -52,7 +52,6 @@ std::optional<RepetitionScore> RepetitionScorer::update(std::int64_t stamp_ns,
   }
   ++frames_;
   last_ns_ = stamp_ns;
-  repetition_ = std::max(1U, alignment.repetition);
   covered_from_ = std::min(covered_from_, alignment.reference_time);
   covered_to_ = std::max(covered_to_, alignment.reference_time);
   for (std::size_t j = 0; j < kJointCount; ++j) {
@@ -77,8 +76,12 @@ std::optional<RepetitionScore> RepetitionScorer::finish() noexcept {
     clear();
     return std::nullopt;
   }
+  return complete();
+}
+
+RepetitionScore RepetitionScorer::complete() noexcept {
   RepetitionScore score;
-  score.repetition = repetition_;
+  score.repetition = ++repetitions_;
   score.start_ns = start_ns_;
   score.end_ns = last_ns_;
   score.cues =
@@ -98,7 +101,6 @@ std::optional<RepetitionScore> RepetitionScorer::finish() noexcept {
 void RepetitionScorer::clear() noexcept {
   sums_ = {};
   frames_ = 0;
-  repetition_ = 0;
 }
 
 }  // namespace secondskin::coach

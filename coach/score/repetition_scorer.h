@@ -42,6 +42,7 @@ class RepetitionScorer {
   [[nodiscard]] std::optional<RepetitionScore> finish() noexcept;
 
  private:
+  RepetitionScore complete() noexcept;
   void clear() noexcept;
 
   std::shared_ptr<const Reference> reference_;
@@ -50,7 +51,7 @@ class RepetitionScorer {
   };
   std::array<Sums, kJointCount> sums_{};
   std::uint64_t frames_ = 0;
-  std::uint32_t repetition_ = 0;
+  std::uint32_t repetitions_ = 0;  ///< completed so far
   std::int64_t start_ns_ = 0, last_ns_ = 0;
   double covered_from_ = 0.0, covered_to_ = 0.0;
   std::uint64_t cues_at_start_ = 0, cues_now_ = 0;

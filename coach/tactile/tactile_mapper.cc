@@ -305,6 +305,7 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
       given.onset_ns = stamp_ns;
       given.place = *where;
       ++cues_given_;
+      ++cues_by_joint_[index(cues_[c].joint)];
     }
     name_movement(cues_[c]);
   }
@@ -339,6 +340,7 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
     given_[cue_count_] = {.onset_ns = stamp_ns, .place = candidate.place, .step = 0};
     ++cue_count_;
     ++cues_given_;
+    ++cues_by_joint_[candidate.joint];
   }
 
   for (std::size_t c = 0; c < cue_count_; ++c) {

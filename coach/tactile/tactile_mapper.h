@@ -41,7 +41,11 @@ class TactileMapper {
                                         bool enabled) noexcept;
 
   std::span<const Cue> cues() const noexcept { return {cues_.data(), cue_count_}; }
-  std::uint64_t cues_given() const noexcept { return cues_given_; }  ///< onsets so far
+  /// Onsets so far: of all, and by joint. The same joint at another place is another cue.
+  std::uint64_t cues_given() const noexcept { return cues_given_; }
+  const std::array<std::uint64_t, kJointCount>& cues_by_joint() const noexcept {
+    return cues_by_joint_;
+  }
 
  private:
   /// Where a joint's cues are felt, by the rest pose's geometry.
@@ -78,6 +82,7 @@ class TactileMapper {
   std::array<Given, kJointCount> given_{};
   std::size_t cue_count_ = 0;
   std::uint64_t cues_given_ = 0;
+  std::array<std::uint64_t, kJointCount> cues_by_joint_{};
 };
 
 }  // namespace secondskin::coach

@@ -5,6 +5,7 @@
 #include "bus/pose_messages.h"
 #include "bus/raw.h"
 #include "bus/reader.h"
+#include "bus/stop_state.h"
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "motion/anatomy.h"
@@ -162,6 +163,69 @@ TEST(Bus, WorksWithoutSharedMemory) {
     return reader.take(got);
   }));
   EXPECT_EQ(got.header().frame(), 3u);
+}
+
+msg::EmergencyStop stop_message(bool active, std::int64_t publish_ns) {
+  msg::EmergencyStop message;
+  message.active(active);
+  message.publish_ns(publish_ns);
+  return message;
+}
+
+TEST(StopState, OutlivesWhoAskedForItAndTheRestartOfAListener) {
+  Participant coach_place(test_config()), driver_place(test_config());
+  StopState coach(coach_place);
+  auto driver = std::make_unique<StopState>(driver_place);
+  {
+    Participant there(test_config());
+    Writer<msg::EmergencyStop> writer(there);
+    writer.write(stop_message(true, 1000));
+    ASSERT_TRUE(eventually([&] { return (coach.poll(), coach.active()); }));
+    ASSERT_TRUE(eventually([&] { return (driver->poll(), driver->active()); }));
+  }
+  driver = std::make_unique<StopState>(driver_place);  // it has forgotten
+  EXPECT_TRUE(eventually([&] { return (driver->poll(), driver->active()); }));
+}
+
+TEST(StopState, ListenersThatRepeatEachOtherFallSilent) {
+  Participant first_place(test_config()), second_place(test_config()), there(test_config());
+  StopState first(first_place), second(second_place);
+  Reader<msg::EmergencyStop> witness(there, Want::kEvery);
+  Writer<msg::EmergencyStop> writer(there);
+  ASSERT_TRUE(writer.wait_for_readers(3, 10s));
+  ASSERT_TRUE(eventually([&] { return witness.counts().writers == 3; }));
+  writer.write(stop_message(true, 0));  // without a time: each listener notes its own
+  std::size_t words = 0;
+  msg::EmergencyStop message;
+  const auto end = std::chrono::steady_clock::now() + 500ms;
+  while (std::chrono::steady_clock::now() < end) {
+    first.poll();
+    second.poll();
+    words += witness.take_newest(message);
+  }
+  EXPECT_TRUE(first.active());
+  EXPECT_TRUE(second.active());
+  EXPECT_LE(words, 5u);  // the first word, one repeat each, and at most one to agree
+}
+
+TEST(StopState, ObeysAStopOfAnyClockButALiftOnlyWhenItIsNewer) {
+  Participant here(test_config()), there(test_config());
+  StopState listener(here);
+  Writer<msg::EmergencyStop> writer(there);
+  const auto say = [&](bool active, std::int64_t publish_ns) {
+    writer.write(stop_message(active, publish_ns));
+    const auto end = std::chrono::steady_clock::now() + 150ms;
+    eventually([&] { return (listener.poll(), std::chrono::steady_clock::now() > end); });
+    return listener.active();
+  };
+  ASSERT_TRUE(writer.wait_for_readers(1, 10s));
+  EXPECT_TRUE(say(true, 2000));
+  EXPECT_TRUE(say(false, 1999)) << "a lift from before the stop";
+  EXPECT_FALSE(say(false, 2001));
+  EXPECT_FALSE(say(true, 2000)) << "the stop that was lifted, repeated by somebody late";
+  EXPECT_TRUE(say(true, 1500)) << "a new stop of a clock that is behind";
+  EXPECT_FALSE(say(false, now_ns()));
+  EXPECT_TRUE(say(true, 0)) << "a stop of a sender that does not say when";
 }
 
 TEST(Bus, AWaitEndsWhenItIsWoken) {

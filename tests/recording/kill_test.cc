@@ -48,8 +48,9 @@ struct Progress {
   ::_exit(1);
 }
 
-/// Kills a writer after `life`; the file must hold every message but those of the last half second.
-void kill_and_read(std::chrono::microseconds pause, std::size_t size,
+/// Kills a writer once it has written `least` messages and `life` has passed; the file must hold
+/// every message but those of the last half second.
+void kill_and_read(std::chrono::microseconds pause, std::size_t size, std::uint32_t least,
                    std::chrono::milliseconds life, std::uint32_t& left) {
   const TemporaryFolder folder;
   const auto file = folder / "killed.mcap";
@@ -60,6 +61,10 @@ void kill_and_read(std::chrono::microseconds pause, std::size_t size,
   const pid_t writer = ::fork();
   ASSERT_GE(writer, 0);
   if (writer == 0) write_for_ever(file, progress, pause, size);
+  const auto patience = Clock::now() + std::chrono::seconds(20);  // for a busy machine
+  while (progress.written < least && Clock::now() < patience) {
+    std::this_thread::sleep_for(std::chrono::milliseconds(1));
+  }
   std::this_thread::sleep_for(life);
   ::kill(writer, SIGKILL);
   int status = 0;
@@ -93,7 +98,7 @@ TEST(KilledWriter, LosesAtMostTheLastHalfSecond) {
   for (int round = 0; round < 5; ++round) {
     std::uint32_t left = 0;
     const std::chrono::milliseconds life(700 + random() % 700);
-    ASSERT_NO_FATAL_FAILURE(kill_and_read(std::chrono::milliseconds(2), 200, life, left));
+    ASSERT_NO_FATAL_FAILURE(kill_and_read(std::chrono::milliseconds(2), 200, 1, life, left));
     EXPECT_GT(left, 20u);
   }
 }
@@ -103,7 +108,7 @@ TEST(KilledWriter, LeavesAReadableFileThoughItWasStoringAtFullSpeed) {
   for (int round = 0; round < 15; ++round) {
     std::uint32_t left = 0;
     const std::chrono::milliseconds life(150 + random() % 100);
-    ASSERT_NO_FATAL_FAILURE(kill_and_read(std::chrono::microseconds(0), 5000, life, left));
+    ASSERT_NO_FATAL_FAILURE(kill_and_read(std::chrono::microseconds(0), 5000, 300, life, left));
     EXPECT_GT(left, 100u);
   }
 }

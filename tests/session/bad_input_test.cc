@@ -98,6 +98,39 @@ TEST_F(BadInput, ASecondCaptureServerForTheSameSubjectIsRefused) {
   fails(session_.on_bus({"capture", kLearner}), {"another capture server", "--subject"});
 }
 
+TEST_F(BadInput, ASecondCoachForTheSameSubjectIsRefused) {
+  Process first = session_.coach();
+  std::this_thread::sleep_for(1s);  // it is up
+  fails(session_.on_bus({"coach", "--reference", "squat"}), {"another coach", "--subject"});
+}
+
+TEST_F(BadInput, ABoardThatIsNotThereIsNamedAndSoIsOneInUse) {
+  fails(session_.on_bus({"train", "--reference", "jumping_jack", "--port", "/dev/nothing",
+                         "--recording", session_.folder / "no_board.mcap"}),
+        {"/dev/nothing", "not there", "NEVER REACHED"});
+  Process board = session_.board();
+  ASSERT_TRUE(eventually([&] { return board.says("port "); }, 10s));
+  Process first = session_.tactors();
+  ASSERT_TRUE(eventually([&] { return first.says("tactor board on"); }, 10s));
+  Process second =
+      session_.start("second", session_.on_bus({"tactors", "--port", session_.port()}));
+  EXPECT_TRUE(eventually([&] { return second.says("in use by another program"); }, 10s))
+      << second.output();
+}
+
+TEST_F(BadInput, AMistakeInTheOptionFileIsNotPassedOver) {
+  fails({"--config", file("typo.toml", "[train]\nrefrence = \"squat\"\n"), "train"}, {"refrence"});
+  fails({"train", "--config", file("torn.toml", "[train\nreference = \"squat\"\n")}, {"[train"});
+  fails({"frobnicate"}, {"frobnicate", "--help"});
+}
+
+TEST_F(BadInput, AStopThatNobodyHearsIsNoSuccess) {
+  Process recorder =
+      session_.start("record", session_.on_bus({"record", session_.folder / "only.mcap"}));
+  ASSERT_TRUE(eventually([&] { return recorder.says("recording to"); }, 10s));
+  fails(session_.on_bus({"stop"}), {"nobody obeys"});
+}
+
 TEST_F(BadInput, AFullDiskEndsTheRecordingButLosesNothingStored) {
   const std::string path = session_.folder / "full.mcap";
   Process recorder = session_.start("record", session_.on_bus({"record", path}), [] {

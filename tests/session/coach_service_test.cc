@@ -66,6 +66,13 @@ class CoachServiceTest : public testing::Test {
     bodies_.write(body);
     ASSERT_TRUE(wait_for_state([](const auto& s) { return s.phase() == msg::SESSION_RUNNING; }));
     ASSERT_TRUE(eventually([&] { return poses_.counts().readers == 1; }));
+    // Both sides have met when an answer comes; what passes before is lost, as in life.
+    msg::TactorCommand answer;
+    ASSERT_TRUE(eventually([&] {
+      play(false);
+      std::this_thread::sleep_for(20ms);
+      return commands_.take(answer);
+    }));
   }
 
   CoachServiceOptions options() const {

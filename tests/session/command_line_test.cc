@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <fstream>
+#include <map>
+#include <nlohmann/json.hpp>
 
 #include "session.h"
 
@@ -16,6 +18,7 @@ TEST(CommandLine, EveryCommandHasHelpWithAnExample) {
                                                   {"record"},
                                                   {"virtual-board"},
                                                   {"stop"},
+                                                  {"session"},
                                                   {"export"},
                                                   {"info"},
                                                   {"replay"},
@@ -72,6 +75,31 @@ TEST(CommandLine, AReferenceThatIsAddedCanBeUsedAtOnce) {
   EXPECT_NE(again.exit_code(), 0);
   EXPECT_TRUE(again.says("exists already")) << again.output();
   ::unsetenv("XDG_DATA_HOME");
+}
+
+TEST(CommandLine, EveryShippedLearnerIsScoredAsOftenAsItRepeats) {
+  // Counted by eye in the recordings (docs/reference-motions.md).
+  const std::map<std::string, std::size_t> repetitions{
+      {"low_block", 3},        {"roundhouse_kick", 1}, {"stepping_punch", 2}, {"squat", 1},
+      {"knife_hand_block", 3}, {"jumping_jack", 2},    {"wave_hello", 1}};
+  const Session session;
+  for (const auto& [name, expected] : repetitions) {
+    Process process = session.start(
+        "score", {"score", "--reference", name,
+                  SECONDSKIN_SOURCE_DIR "/reference_motions/" + name + "/learner.bvh", "--json"});
+    ASSERT_TRUE(process.wait(20s)) << name;
+    ASSERT_EQ(process.exit_code(), 0) << process.output();
+    const auto scores = nlohmann::json::parse(process.output())["repetitions"];
+    EXPECT_EQ(scores.size(), expected) << name;
+    double last_end = 0.0;
+    for (const auto& score : scores) {
+      EXPECT_GE(score["start_s"], last_end) << name;
+      EXPECT_GT(score["end_s"], score["start_s"]) << name;
+      last_end = score["end_s"];
+      EXPECT_GT(score["total"], 40.0) << name;  // the same performer, the same technique
+      EXPECT_LE(score["total"], 100.0) << name;
+    }
+  }
 }
 
 TEST(CommandLine, DoctorFindsNothingWrongHereAndNamesAMissingPort) {

@@ -77,8 +77,7 @@ TEST(SeparateProcesses, WorkStartedInAnyOrderAndRestarted) {
   // A port that vanishes and returns.
   board.end(SIGKILL);
   ASSERT_TRUE(board.wait(5s));
-  EXPECT_TRUE(eventually([&] { return tactors.says("waiting for it to come back"); }, 5s))
-      << tactors.output();
+  EXPECT_TRUE(eventually([&] { return tactors.says("waiting for it"); }, 5s)) << tactors.output();
   std::filesystem::remove(session.waveform());
   Process new_board = session.board();
   EXPECT_TRUE(eventually(on, 60s)) << tactors.output();
