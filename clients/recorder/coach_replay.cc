@@ -135,6 +135,8 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
   Session session;
   std::int64_t session_start_ns = 0;
   std::size_t next_state = 0;
+  bool fresh_coach = true;  // its numbers begin again
+  std::uint64_t last_number = 0;
   coach::CoachOutput out;
 
   const auto finish = [&] {
@@ -180,9 +182,19 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
       ++missing_poses;
       continue;
     }
-    while (next_state < recorded.states.size() &&
-           recorded.states[next_state].header().stamp_ns() <= stamp) {
-      obey(recorded.states[next_state++], body->second);
+    const auto command = recorded.commands.find(stamp);
+    if (command != recorded.commands.end()) {
+      fresh_coach = fresh_coach || command->second.command_number() < last_number;
+      last_number = command->second.command_number();
+    }
+    while (next_state < recorded.states.size()) {
+      const auto& state = recorded.states[next_state];
+      // A coach that has met no pose yet names none: its state is for its first one.
+      const bool of_fresh_coach = state.header().stamp_ns() <= 1;
+      if (of_fresh_coach ? !fresh_coach : state.header().stamp_ns() > stamp) break;
+      if (of_fresh_coach) fresh_coach = false;
+      obey(state, body->second);
+      ++next_state;
     }
     if (!session.coach) continue;
     const auto correction = recorded.corrections.find(stamp);
@@ -194,7 +206,6 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
     result.corrections += out.handed_over ? 1 : 0;
     if (out.repetition) result.repetitions.push_back(*out.repetition);
 
-    const auto command = recorded.commands.find(stamp);
     if (command == recorded.commands.end()) {
       ++missing_commands;
       continue;

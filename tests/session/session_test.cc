@@ -48,6 +48,35 @@ TEST(Train, RunsTheLearnerOnceAndItsRecordingReplaysToTheSameCommands) {
   EXPECT_EQ(result["repetitions"], reader.find("/repetition")->messages);
 }
 
+TEST(SeparateProcesses, ARecordingAcrossACoachsRestartReplaysAsTwoSessions) {
+  const Session session;
+  const std::string file = session.folder / "restart.mcap";
+  Process recorder = session.start("record", session.on_bus({"record", file}));
+  Process coach = session.coach();
+  ASSERT_TRUE(eventually([&] { return recorder.says("recording to"); }, 10s));
+  const std::string learner = SECONDSKIN_SOURCE_DIR "/reference_motions/low_block/learner.bvh";
+  Process capture =
+      session.start("capture", session.on_bus({"capture", learner, "--wait-for", "2"}));
+  ASSERT_TRUE(eventually([&] { return coach.says("session 1"); }, 20s));
+  std::this_thread::sleep_for(4s);
+  coach.end(SIGKILL);
+  ASSERT_TRUE(coach.wait(5s));
+  Process again = session.start(
+      "again", session.on_bus({"coach", "--reference", "low_block", "--tolerance-scale", "0.2"}));
+  ASSERT_TRUE(eventually([&] { return again.says("session 1"); }, 20s));
+  std::this_thread::sleep_for(4s);
+  for (Process* part : {&capture, &again, &recorder}) {
+    part->end(SIGTERM);
+    ASSERT_TRUE(part->wait(10s));
+  }
+  Process replay = session.start("replay", {"replay", file, "--coach", "--json"});
+  ASSERT_TRUE(replay.wait(60s));
+  const auto result = nlohmann::json::parse(replay.output());
+  EXPECT_EQ(result["sessions"], 2) << replay.output();
+  EXPECT_EQ(result["commands_different"], 0) << replay.output();
+  EXPECT_GT(result["commands_compared"], 300) << replay.output();
+}
+
 TEST(SeparateProcesses, WorkStartedInAnyOrderAndRestarted) {
   const Session session;
   Process coach = session.coach();
