@@ -30,6 +30,9 @@ using namespace std::chrono_literals;
 
 constexpr const char* kVirtualPort = "virtual";
 constexpr auto kLongestStart = 20s;
+constexpr auto kLongestDiscovery = 5s;
+// All of bus::kTopics but points and raw, which no recorded learner has.
+constexpr std::size_t kTopicsOfASession = 11;
 // For the last pose to reach the coach, and its words the recorder.
 constexpr auto kLastPose = 150ms;
 
@@ -286,6 +289,9 @@ void train(TrainOptions& options) {
                                   .loop = options.loop,
                                   .wait_for_readers = 2});
   wait_for_session(states, signals.token());
+  if (!recorder.wait_until_heard(kTopicsOfASession, kLongestDiscovery)) {
+    spdlog::warn("the recorder does not hear every topic yet; the first moments may be missing");
+  }
 
   fmt::print("Training '{}' with learner {} on {}\n", reference->name, options.learner,
              board ? fmt::format("a virtual board ({})", options.port) : options.port);

@@ -5,7 +5,9 @@
 
 #include <array>
 #include <chrono>
+#include <condition_variable>
 #include <fstream>
+#include <mutex>
 #include <sstream>
 #include <stdexcept>
 #include <vector>
@@ -80,6 +82,16 @@ struct RecorderService::State {
     }
   }
 
+  void count_topics() {
+    std::size_t heard = 0;
+    for (const auto& reader : readers) heard += reader->counts().writers > 0 ? 1 : 0;
+    {
+      const std::lock_guard lock(mutex);
+      topics_heard = heard;
+    }
+    heard_more.notify_all();
+  }
+
   // What somebody who opens the file wants to know first.
   void describe(std::size_t topic) {
     if (topic == bus::kTopicOf<msg::SkeletonPose>) {
@@ -133,6 +145,9 @@ struct RecorderService::State {
   bus::RawMessage message;
   msg::SkeletonPose pose;
   std::uint64_t last_frame = 0;
+  std::mutex mutex;  // guards topics_heard
+  std::condition_variable heard_more;
+  std::size_t topics_heard = 0;
   RecorderCounts counts;
 };
 
@@ -141,6 +156,11 @@ RecorderService::RecorderService(bus::Participant& participant, const RecorderOp
 
 RecorderService::~RecorderService() = default;
 
+bool RecorderService::wait_until_heard(std::size_t topics, std::chrono::nanoseconds at_most) {
+  std::unique_lock lock(state_->mutex);
+  return state_->heard_more.wait_for(lock, at_most, [&] { return state_->topics_heard >= topics; });
+}
+
 RecorderCounts RecorderService::run(std::stop_token stop) {
   auto& s = *state_;
   const std::stop_callback wake(stop, [&s] { s.news.wake(); });
@@ -148,6 +168,7 @@ RecorderCounts RecorderService::run(std::stop_token stop) {
   try {
     while (!stop.stop_requested()) {
       s.news.wait(kFlushPeriod);
+      s.count_topics();
       s.take_all();
       s.writer.flush_if_due(bus::now_ns());
       s.health.tick(bus::now_ns());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <filesystem>
 #include <memory>
@@ -28,6 +29,10 @@ class RecorderService {
   /// @throws std::system_error naming the file when it cannot be made.
   RecorderService(bus::Participant& participant, const RecorderOptions& options);
   ~RecorderService();
+
+  /// Sleeps until so many topics have a writer, so that nothing that matters passes unheard; run()
+  /// must be under way. @returns false when the time came first.
+  bool wait_until_heard(std::size_t topics, std::chrono::nanoseconds at_most);
 
   /// Records until a stop is asked for or the disk refuses; what was stored stays whole. Never
   /// throws for a full disk: the session goes on, health and the counts say it.

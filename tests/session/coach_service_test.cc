@@ -220,6 +220,7 @@ TEST_F(CoachServiceTest, CuesNothingWhileAnEmergencyStopIsInForce) {
   ASSERT_TRUE(wait_for_state([](const auto& s) { return s.stopped(); }));
   for (int i = 0; i < 60; ++i) EXPECT_FALSE(is_on(play()));
   stop.active(false);
+  stop.publish_ns(bus::now_ns());  // a lift must be newer than the stop
   stops_.write(stop);
   ASSERT_TRUE(wait_for_state([](const auto& s) { return !s.stopped(); }));
   EXPECT_TRUE(play_until_on());

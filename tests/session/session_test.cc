@@ -54,15 +54,21 @@ TEST(SeparateProcesses, ARecordingAcrossACoachsRestartReplaysAsTwoSessions) {
   Process recorder = session.start("record", session.on_bus({"record", file}));
   Process coach = session.coach();
   ASSERT_TRUE(eventually([&] { return recorder.says("recording to"); }, 10s));
+  std::this_thread::sleep_for(
+      2s);  // the recorder finds the coach's topics before anything goes out
   const std::string learner = SECONDSKIN_SOURCE_DIR "/reference_motions/low_block/learner.bvh";
-  Process capture =
-      session.start("capture", session.on_bus({"capture", learner, "--wait-for", "2"}));
+  const auto capture_command = session.on_bus({"capture", learner, "--wait-for", "2"});
+  Process first_capture = session.start("capture", capture_command);
   ASSERT_TRUE(eventually([&] { return coach.says("session 1"); }, 20s));
   std::this_thread::sleep_for(4s);
   coach.end(SIGKILL);
   ASSERT_TRUE(coach.wait(5s));
+  first_capture.end(SIGTERM);
+  ASSERT_TRUE(first_capture.wait(5s));
   Process again = session.start(
       "again", session.on_bus({"coach", "--reference", "low_block", "--tolerance-scale", "0.2"}));
+  std::this_thread::sleep_for(2s);
+  Process capture = session.start("capture", capture_command);
   ASSERT_TRUE(eventually([&] { return again.says("session 1"); }, 20s));
   std::this_thread::sleep_for(4s);
   for (Process* part : {&capture, &again, &recorder}) {
