@@ -6,35 +6,7 @@
 
 #include "coach/correct/solver_thread.h"
 #include "problems.h"
-
-// Eigen calls malloc itself, so malloc is what must be counted, and only this thread's: the solver
-// may allocate on its own. The sanitizers bring their own malloc.
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define COUNTS_MALLOC 1
-
-namespace {
-thread_local long allocations = 0;
-}
-
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* at, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(at, size);
-}
-}
-#endif
+#include "tests/count_malloc.h"
 
 namespace secondskin::coach {
 namespace {

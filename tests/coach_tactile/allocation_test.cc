@@ -4,34 +4,7 @@
 #include <filesystem>
 
 #include "coach/tactile/tactile_mapper.h"
-
-// Eigen calls malloc itself, so malloc is what must be counted. The sanitizers bring their own.
-#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-#define COUNTS_MALLOC 1
-
-namespace {
-thread_local long allocations = 0;
-}
-
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* at, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(at, size);
-}
-}
-#endif
+#include "tests/count_malloc.h"
 
 namespace secondskin::coach {
 namespace {
