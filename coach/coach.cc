@@ -81,14 +81,20 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
     problem_.velocity = velocity_;
     problem_.reference_time = out.alignment.reference_time;
     problem_.tempo = out.alignment.tempo;
-    solver_->post(problem_);
     last_posed_ns_ = pose.stamp_ns;
-    ++posed_;
+    to_pose_ = true;
   }
 
   out.correction = in_use_;
   const bool cue = following && !muted_ && in_use_.status != SolverStatus::kNone;
   out.tactors = mapper_.update(pose.stamp_ns, in_use_, out.error, tolerance_, cue);
+}
+
+void Coach::pose_problem() noexcept {
+  if (!to_pose_) return;
+  to_pose_ = false;
+  solver_->post(problem_);
+  ++posed_;
 }
 
 std::uint64_t fingerprint(const Reference& reference) noexcept {

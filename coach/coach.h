@@ -49,6 +49,11 @@ class Coach {
   /// Takes the next pose. No allocation; never waits for the solver.
   void step(const StampedPose& pose, CoachOutput& out) noexcept;
 
+  /// Hands the solver the problem that the last step() came upon, if it did. Call it after each
+  /// step once the outputs are on their way: the solver wakes at once and then competes for the
+  /// processor.
+  void pose_problem() noexcept;
+
   /// A paused coach follows and scores nothing, and everything is off.
   void pause(bool paused) noexcept { paused_ = paused; }
   bool paused() const noexcept { return paused_; }
@@ -85,6 +90,7 @@ class Coach {
   std::int64_t last_stamp_ns_ = 0;
   std::int64_t last_posed_ns_ = 0;
   std::uint64_t posed_ = 0;
+  bool to_pose_ = false;
   bool paused_ = false;
   bool muted_ = false;
 };

@@ -231,6 +231,7 @@ struct CoachService::State {
     correction.header().publish_ns(bus::now_ns());
     corrections.write(correction);
     if (out.repetition) publish_repetition(*out.repetition);
+    coach->pose_problem();
 
     if (out.handed_over) {
       ++summary.corrections;

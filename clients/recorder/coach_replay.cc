@@ -210,6 +210,7 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
         correction != recorded.corrections.end() && correction->second.handed_over();
     session.solver->expect(handed_over ? &correction->second : nullptr);
     session.coach->step(pose->second.second, out);
+    session.coach->pose_problem();
     ++result.frames;
     result.corrections += out.handed_over ? 1 : 0;
     if (out.repetition) result.repetitions.push_back(*out.repetition);

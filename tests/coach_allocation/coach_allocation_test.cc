@@ -121,6 +121,7 @@ struct LivePath {
       ++repetitions;
     }
     if (out.handed_over) ++corrections;
+    coach.pose_problem();
 
     const double now = static_cast<double>(pose.stamp_ns - stamp(0.0)) * 1e-9;
     newest.intensities = command.intensities();
