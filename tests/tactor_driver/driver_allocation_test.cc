@@ -1,39 +1,17 @@
 #include <gtest/gtest.h>
 
-#include <atomic>
 #include <cstdlib>
 
 #include "clients/tactor_driver/driver_core.h"
 #include "sim/board/virtual_board.h"
+#include "tests/count_malloc.h"
 
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define SECONDSKIN_SANITIZED 1
-#else
+#ifdef COUNTS_MALLOC
 #define SECONDSKIN_SANITIZED 0
-#endif
-
+#else
+#define SECONDSKIN_SANITIZED 1
 namespace {
-std::atomic<std::size_t> allocations{0};
-}
-
-#if !SECONDSKIN_SANITIZED  // they replace malloc themselves
-// Counted at malloc: not everything goes through operator new.
-extern "C" {
-void* __libc_malloc(std::size_t size);
-void* __libc_calloc(std::size_t count, std::size_t size);
-void* __libc_realloc(void* memory, std::size_t size);
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* memory, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(memory, size);
-}
+long allocations = 0;
 }
 #endif
 
@@ -42,10 +20,10 @@ namespace {
 
 TEST(Allocation, IsCounted) {
   if (SECONDSKIN_SANITIZED) GTEST_SKIP() << "the sanitizer replaces malloc";
-  const std::size_t before = allocations;
+  const long before = allocations;
   std::free(std::malloc(8));
   delete new int(3);
-  EXPECT_GE(allocations - before, 1U);
+  EXPECT_GE(allocations - before, 1);
 }
 
 TEST(DriverCore, AllocatesNothingFromCommandToByte) {
@@ -56,7 +34,7 @@ TEST(DriverCore, AllocatesNothingFromCommandToByte) {
   command.valid_for = 0.05;
   std::array<std::uint8_t, 80> out;
   std::size_t bytes = 0;
-  const std::size_t before = allocations;
+  const long before = allocations;
   for (int n = 0; n < 5000; ++n) {
     const double now = n * 0.004;
     command.number = static_cast<std::uint64_t>(n) + 1;
@@ -82,7 +60,7 @@ TEST(VirtualBoard, AllocatesNothingFromByteToDrive) {
   if (SECONDSKIN_SANITIZED) GTEST_SKIP() << "the sanitizer replaces malloc";
   sim::VirtualBoard board;
   wire::drive_of(0);
-  const std::size_t before = allocations;
+  const long before = allocations;
   for (int n = 0; n < 5000; ++n) {
     const double now = n * 0.004;
     board.receive(
