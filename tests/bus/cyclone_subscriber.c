@@ -42,7 +42,7 @@ int main(int argc, char** argv) {
       dds_attach_t news[1];
       dds_waitset_wait_until(waitset, news, 1, end);
     }
-    for (dds_return_t i = 0; i < n; ++i) {
+    for (dds_return_t i = 0; i < n && got < wanted; ++i) {
       if (!info[i].valid_data) continue;
       const secondskin_msgs_msg_dds__SkeletonPose_* pose = samples[i];
       printf("frame %" PRIu64 " stamp %" PRId64 " root %.6f %.6f %.6f joints %u",
