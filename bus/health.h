@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "bus/latency_histogram.h"
 #include "bus/writer.h"
@@ -18,6 +19,9 @@ class HealthReporter {
   void sample(double latency) noexcept;
   void lost(std::uint64_t samples) noexcept { message_.lost(message_.lost() + samples); }
   void confidence(double value) noexcept { message_.confidence(value); }
+
+  /// The parts of a device, to be filled before each tick; at most MAX_SENSORS are published.
+  std::vector<msg::SensorHealth>& sensors() noexcept { return message_.sensors(); }
 
   /// What is wrong and what to do; empty when nothing is. A change is published at once.
   void state(msg::ServiceState state, std::string_view words = {});

@@ -65,6 +65,8 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
     s.alarm.wait_until(lock, stop, time, [] { return false; });
   };
 
+  const bool live = s.source.live();
+
   s.health.state(msg::SERVICE_WAITING);
   if (s.options.wait_for_readers > 0) {
     // One of the readers is this service's own.
@@ -79,12 +81,21 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
   msg::SkeletonPose message;
   StampedPose pose;
   std::uint64_t frame = 0;
+  std::uint64_t last_frame = 0;
   auto start = Clock::now();
   std::int64_t first_stamp_ns = 0;
   bool first = true;
   while (!stop.stop_requested()) {
-    if (!s.source.next(pose)) {
-      if (!s.options.loop || !s.source.rewind() || !s.source.next(pose)) break;
+    Next next = s.source.next(pose);
+    if (next == Next::kSilence) {
+      s.health.state(msg::SERVICE_WAITING, "no sample comes; is the device on and in reach?");
+      s.health.tick(bus::now_ns());
+      continue;
+    }
+    if (next == Next::kEnd) {
+      if (!s.options.loop || !s.source.rewind()) break;
+      next = s.source.next(pose);
+      if (next != Next::kPose) break;
       first = true;  // time goes on from here
       start = std::max(start, Clock::now());
     }
@@ -93,27 +104,29 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
       first = false;
     }
     auto due = start;
-    if (s.options.speed > 0.0) {
+    if (live) {
+      if (last_frame > 0 && pose.frame > last_frame + 1) s.health.lost(pose.frame - last_frame - 1);
+      last_frame = pose.frame;
+    } else if (s.options.speed > 0.0) {
       const double since = static_cast<double>(pose.stamp_ns - first_stamp_ns) / s.options.speed;
       due = start + std::chrono::nanoseconds(static_cast<std::int64_t>(since));
       sleep_until(due);
       if (stop.stop_requested()) break;
       if (Clock::now() > due + period) ++counts.late;
     }
-    ++frame;
+    frame = live ? pose.frame : frame + 1;
     if (!pose.pose.is_valid()) {
       ++counts.refused;
       s.health.lost(1);
       continue;
     }
-    // A replayed pose is measured when it is played.
     const std::int64_t now = bus::now_ns();
     pose.frame = frame;
-    pose.stamp_ns = now;
+    if (!live) pose.stamp_ns = now;  // a replayed pose is measured when it is played
     bus::to_message(pose, id, message);
     message.header().publish_ns(bus::now_ns());
     if (s.poses.write(message)) ++counts.published;
-    s.health.sample(static_cast<double>(message.header().publish_ns() - now) * 1e-9);
+    s.health.sample(static_cast<double>(message.header().publish_ns() - pose.stamp_ns) * 1e-9);
     const auto seen = s.poses.counts();
     if (s.sole.another()) {
       s.health.state(msg::SERVICE_FAULT,

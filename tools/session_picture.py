@@ -478,7 +478,7 @@ def draw(session):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", default=str(SOURCE / "build/release/bin/secondskin"))
-    parser.add_argument("--reference", default="low_block")
+    parser.add_argument("--reference", default="deep_squat")
     parser.add_argument("--body-map", default="full_body")
     parser.add_argument("--domain", default="7")
     parser.add_argument("--out", type=pathlib.Path, default=SOURCE / "docs/images/session.svg")

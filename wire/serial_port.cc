@@ -141,19 +141,19 @@ std::size_t SerialPort::unsent() const noexcept {
 std::string SerialPort::last_error() const {
   if (trouble_ == Trouble::kNone) return {};
   const std::string reason = std::system_category().message(error_);
-  const std::string name = "tactor port " + path_;
+  const std::string name = "serial port " + path_;
   if (trouble_ == Trouble::kLost) {
     return name + " disappeared (" + reason + "); it is opened again as soon as it is back";
   }
   if (trouble_ == Trouble::kSettings) {
     return name + " refuses " + std::to_string(baud_rate_) + " baud, 8N1 (" + reason +
-           "): is it the board's port?";
+           "): is it the right port?";
   }
   switch (error_) {
     case ENOENT:
     case ENXIO:
     case ENODEV:
-      return name + " is not there: plug in the board's adapter, or name another port";
+      return name + " is not there: plug in its adapter, or name another port";
     case EACCES:
     case EPERM:
       return name +
@@ -162,7 +162,7 @@ std::string SerialPort::last_error() const {
     case EBUSY:
       return name + " is in use by another program: end that one first";
     case ENOTTY:
-      return name + " is no serial port: name the board's port";
+      return name + " is no serial port: name the device's port";
     default:
       return name + " cannot be opened: " + reason;
   }

@@ -10,12 +10,19 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
+#include <condition_variable>
 #include <cstdlib>
 #include <ctime>
+#include <mutex>
 #include <numbers>
 #include <set>
 #include <stdexcept>
 #include <system_error>
+
+#include "clients/cli/virtual_suit.h"
+#include "server/optical/byte_recorder.h"
+#include "server/optical/optical_topics.h"
 
 namespace secondskin::cli {
 
@@ -39,20 +46,118 @@ bus::Config BusOptions::configuration(std::string program) const {
   return result;
 }
 
-RetargetOptions FileOptions::retarget() const {
+RetargetOptions SourceOptions::retarget() const {
   RetargetOptions options;
   if (!up.empty()) options.up = up == "y" ? UpAxis::kY : UpAxis::kZ;
   options.metres_per_unit = metres_per_unit;
   return options;
 }
 
-void add_file_options(CLI::App& command, FileOptions& options) {
+server::SourceSettings SourceOptions::settings(const Library& library) const {
+  server::SourceSettings settings;
+  settings.joint_maps = library.joint_maps();
+  settings.marker_sets = library.marker_sets();
+  settings.retarget = retarget();
+  settings.optical.suit = library.find_suit(suit);
+  settings.optical.projectors =
+      projectors.empty() ? library.own_optical() / "projectors.txt" : projectors;
+  settings.optical.body = body;
+  settings.optical.gray = gray;
+  if (const auto own = library.own_optical() / "body.toml"; body.empty() && fs::exists(own)) {
+    settings.optical.body = own;
+  }
+  return settings;
+}
+
+std::unique_ptr<server::PoseSource> SourceOptions::open(const std::string& source,
+                                                        const Library& library) const {
+  constexpr std::string_view kSim = "sim:";
+  const auto settings = this->settings(library);
+  if (!source.starts_with(kSim)) return server::open_source(source, settings);
+  const auto worn_by = server::open_source(source.substr(kSim.size()), settings);
+  return std::make_unique<VirtualSuit>(server::read_all(*worn_by),
+                                       Suit::load(settings.optical.suit));
+}
+
+void add_source_options(CLI::App& command, SourceOptions& options) {
   command.add_option("--up", options.up, "the file's up axis (default: told from the poses)")
       ->check(CLI::IsMember({"y", "z"}));
   command
       .add_option("--metres-per-unit", options.metres_per_unit,
                   "the file's unit of length (default: told from the body's size)")
       ->check(CLI::PositiveNumber);
+  command.add_option("--suit", options.suit, "optical: which suit is worn, name or .toml file")
+      ->capture_default_str();
+  command.add_option("--projectors", options.projectors,
+                     "optical: the projectors' calibration (default: the last one made)");
+  command.add_option("--body", options.body,
+                     "optical: the wearer's body (default: the last one measured)");
+  command.add_flag("--gray", options.gray, "optical: the tags send the Gray code as it is read");
+}
+
+server::OpticalSource* optical_of(server::PoseSource& source) noexcept {
+  if (auto* worn = dynamic_cast<VirtualSuit*>(&source)) return &worn->optical();
+  return dynamic_cast<server::OpticalSource*>(&source);
+}
+
+struct OpticalOutputs::State {
+  State(bus::Participant& participant, server::OpticalSource& source_)
+      : source(source_), topics(participant, source.names()) {}
+
+  server::OpticalSource& source;
+  server::OpticalTopics topics;
+  std::optional<server::ByteRecorder> recorder;
+};
+
+OpticalOutputs::OpticalOutputs(bus::Participant& participant, server::PoseSource& source,
+                               const std::string& bytes) {
+  server::OpticalSource* optical = optical_of(source);
+  if (optical == nullptr) {
+    if (!bytes.empty()) throw std::runtime_error("--save-bytes: the source is no optical one");
+    return;
+  }
+  state_ = std::make_unique<State>(participant, *optical);
+  if (!bytes.empty()) state_->recorder.emplace(bytes, optical->receiver().format());
+  optical->observe([s = state_.get()](const server::OpticalSource& from, server::Next what) {
+    s->topics.publish(from, what);
+    if (s->recorder && what == server::Next::kPose) s->recorder->write(from.values());
+  });
+}
+
+OpticalOutputs::~OpticalOutputs() {
+  if (state_) state_->source.observe({});
+}
+
+void OpticalOutputs::report() const {
+  if (!state_) return;
+  const auto& receiver = state_->source.receiver();
+  for (std::size_t i = 0; i < receiver.tags(); ++i) {
+    const auto status = receiver.status(i);
+    fmt::print("tag {}: {} sets, {} torn, {} missing, {} late\n", i, status.sets.sets,
+               status.bytes.torn, status.sets.missing, status.sets.late);
+  }
+  if (!state_->recorder) return;
+  if (!state_->recorder->error().empty()) throw std::runtime_error(state_->recorder->error());
+  fmt::print("bytes are in {}\n", fmt::join(state_->recorder->files(), ", "));
+}
+
+bool enter_pressed() {
+  pollfd input{STDIN_FILENO, POLLIN, 0};
+  if (::poll(&input, 1, 0) <= 0 || (input.revents & POLLIN) == 0) return false;
+  char c = 0;
+  return ::read(STDIN_FILENO, &c, 1) == 1 && c == '\n';
+}
+
+void wait_for_stop(std::stop_token stop, double seconds) {
+  std::mutex mutex;
+  std::condition_variable_any alarm;
+  std::unique_lock lock(mutex);
+  const auto never = [] { return false; };
+  if (std::isfinite(seconds)) {
+    alarm.wait_for(lock, stop, std::chrono::duration<double>(seconds), never);
+  } else {
+    alarm.wait(lock, stop, never);
+  }
 }
 
 Library::Library() {
@@ -74,14 +179,22 @@ Library::Library() {
                   fmt::join(candidates, ", ")));
 }
 
-fs::path Library::own_references() const {
+namespace {
+
+// The user's own files: $XDG_DATA_HOME/secondskin.
+fs::path own_files() {
   const char* data = std::getenv("XDG_DATA_HOME");
   const char* home = std::getenv("HOME");
   const fs::path base = data != nullptr && *data != '\0' ? fs::path(data)
                         : home != nullptr                ? fs::path(home) / ".local" / "share"
                                                          : fs::current_path();
-  return base / "secondskin" / "reference_motions";
+  return base / "secondskin";
 }
+
+}  // namespace
+
+fs::path Library::own_references() const { return own_files() / "reference_motions"; }
+fs::path Library::own_optical() const { return own_files() / "optical"; }
 
 std::vector<fs::path> Library::references() const {
   std::vector<fs::path> found;
@@ -119,18 +232,31 @@ std::shared_ptr<const coach::Reference> Library::load_reference(
       coach::load_reference(find_reference(name_or_path), joint_maps()));
 }
 
-coach::BodyMap Library::load_body_map(const std::string& name_or_path) const {
-  const fs::path shipped = root_ / "body_maps" / (name_or_path + ".toml");
-  if (fs::exists(shipped)) return coach::BodyMap::load(shipped);
-  if (fs::exists(name_or_path)) return coach::BodyMap::load(name_or_path);
+fs::path Library::find_file(const char* kind, const char* folder,
+                            const std::string& name_or_path) const {
+  const fs::path shipped = root_ / folder / (name_or_path + ".toml");
+  if (fs::exists(shipped)) return shipped;
+  if (fs::exists(name_or_path)) return name_or_path;
   std::set<std::string> names;
   std::error_code error;
-  for (fs::directory_iterator it(root_ / "body_maps", error), end; !error && it != end;
+  for (fs::directory_iterator it(root_ / folder, error), end; !error && it != end;
        it.increment(error)) {
     if (it->path().extension() == ".toml") names.insert(it->path().stem().string());
   }
-  throw std::runtime_error(fmt::format("body map '{}': neither a known name ({}) nor a file",
+  throw std::runtime_error(fmt::format("{} '{}': neither a known name ({}) nor a file", kind,
                                        name_or_path, fmt::join(names, ", ")));
+}
+
+fs::path Library::find_suit(const std::string& name_or_path) const {
+  return find_file("suit", "suits", name_or_path);
+}
+
+fs::path Library::find_calibration_object(const std::string& name_or_path) const {
+  return find_file("wand or grid", "calibration_objects", name_or_path);
+}
+
+coach::BodyMap Library::load_body_map(const std::string& name_or_path) const {
+  return coach::BodyMap::load(find_file("body map", "body_maps", name_or_path));
 }
 
 StopOnSignal::StopOnSignal() {

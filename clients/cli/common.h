@@ -12,12 +12,13 @@
 #include "bus/participant.h"
 #include "coach/coach.h"
 #include "motion/retarget.h"
+#include "server/open_source.h"
 
 /// What the subcommands share: options, the files that come with the program, ending on a signal.
 namespace secondskin::cli {
 
 /// What `train` teaches when nobody says otherwise.
-inline constexpr const char* kDefaultReference = "low_block";
+inline constexpr const char* kDefaultReference = "deep_squat";
 
 /// Options of every command that joins the bus.
 struct BusOptions {
@@ -26,14 +27,6 @@ struct BusOptions {
   bus::Config configuration(std::string program) const;
 };
 void add_bus_options(CLI::App& command, BusOptions& options);
-
-/// Options of every command that reads motion files.
-struct FileOptions {
-  std::string up;  ///< "", "y" or "z"
-  std::optional<double> metres_per_unit;
-  RetargetOptions retarget() const;
-};
-void add_file_options(CLI::App& command, FileOptions& options);
 
 /// The files that come with the program, and the user's own beside them.
 class Library {
@@ -46,6 +39,13 @@ class Library {
   std::filesystem::path qos() const { return root_ / "idl" / "qos.xml"; }
   std::filesystem::path idl() const { return root_ / "idl" / "secondskin_msgs.idl"; }
   std::filesystem::path joint_maps() const { return root_ / "joint_maps"; }
+  std::filesystem::path marker_sets() const { return root_ / "marker_sets"; }
+  /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
+  std::filesystem::path find_suit(const std::string& name_or_path) const;
+  /// A wand or grid; as find_suit.
+  std::filesystem::path find_calibration_object(const std::string& name_or_path) const;
+  /// Where calibrations of an optical system are kept: $XDG_DATA_HOME/secondskin/optical.
+  std::filesystem::path own_optical() const;
   /// Where `reference add` puts new ones: $XDG_DATA_HOME/secondskin/reference_motions.
   std::filesystem::path own_references() const;
 
@@ -58,8 +58,59 @@ class Library {
   coach::BodyMap load_body_map(const std::string& name_or_path) const;
 
  private:
+  std::filesystem::path find_file(const char* kind, const char* folder,
+                                  const std::string& name_or_path) const;
+
   std::filesystem::path root_;
 };
+
+/// Options of every command that opens a SOURCE.
+struct SourceOptions {
+  std::string up;  ///< "", "y" or "z"
+  std::optional<double> metres_per_unit;
+  std::string suit = "full_body";
+  std::filesystem::path projectors, body;  ///< empty: the ones in Library::own_optical()
+  bool gray = false;
+
+  RetargetOptions retarget() const;
+  server::SourceSettings settings(const Library& library) const;
+  /// As server::open_source, and "sim:SOURCE": a virtual optical system whose suit the body of
+  /// another source wears.
+  std::unique_ptr<server::PoseSource> open(const std::string& source, const Library& library) const;
+};
+/// What to name where a SOURCE is asked for.
+inline constexpr const char* kSourceHelp =
+    "FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt), optical:PORT,PORT... or sim:FILE";
+void add_source_options(CLI::App& command, SourceOptions& options);
+
+/// The optical system behind a source; null where there is none.
+server::OpticalSource* optical_of(server::PoseSource& source) noexcept;
+
+/// What an optical source gives beside poses: its topics, and its bytes in files when asked for.
+/// Nothing for another source.
+class OpticalOutputs {
+ public:
+  /// @param bytes  prefix of the byte files; empty: none
+  /// @throws std::runtime_error when bytes are to be kept of a source that has none
+  OpticalOutputs(bus::Participant& participant, server::PoseSource& source,
+                 const std::string& bytes = {});
+  ~OpticalOutputs();
+  OpticalOutputs(const OpticalOutputs&) = delete;
+  OpticalOutputs& operator=(const OpticalOutputs&) = delete;
+
+  /// Says how the tags fared, and where the bytes are.
+  void report() const;
+
+ private:
+  struct State;
+  std::unique_ptr<State> state_;
+};
+
+/// Whether Enter was pressed on a terminal. Never waits.
+bool enter_pressed();
+
+/// Sleeps until a stop is asked for, or so many seconds are over.
+void wait_for_stop(std::stop_token stop, double seconds);
 
 /// Asks for a stop when the process gets SIGINT or SIGTERM. Make it before any thread.
 class StopOnSignal {
@@ -86,6 +137,9 @@ std::string milliseconds(double seconds);
 // Each adds its commands to the program.
 void add_train(CLI::App& app);
 void add_services(CLI::App& app);
+void add_virtual_tags(CLI::App& app);
+void add_suit(CLI::App& app);
+void add_calibrate(CLI::App& app);
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_doctor(CLI::App& app);

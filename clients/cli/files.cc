@@ -16,8 +16,11 @@
 #include "coach/score/repetition_scorer.h"
 #include "motion/angle_csv.h"
 #include "motion/bvh.h"
+#include "motion/kinematics.h"
+#include "motion/marker_file.h"
 #include "recording/mcap_reader.h"
 #include "recording/mcap_writer.h"
+#include "server/markers/marker_source.h"
 #include "server/open_source.h"
 
 /// Commands on files: look, convert, align, score, replay.
@@ -57,12 +60,12 @@ void write_whole(const fs::path& file, const std::function<void(std::ostream&)>&
 void export_csv(server::PoseSource& source, const fs::path& file) {
   write_whole(file, [&](std::ostream& out) {
     write_angle_csv_header(out);
-    StampedPose pose;
-    std::int64_t start = 0;
-    for (bool first = true; source.next(pose); first = false) {
-      if (first) start = pose.stamp_ns;
-      if (pose.pose.is_valid()) write_angle_csv_row(out, seconds(pose.stamp_ns - start), pose.pose);
-    }
+    std::optional<std::int64_t> start;
+    server::for_each_pose(source, [&](const StampedPose& pose) {
+      if (!start) start = pose.stamp_ns;
+      if (pose.pose.is_valid())
+        write_angle_csv_row(out, seconds(pose.stamp_ns - *start), pose.pose);
+    });
   });
 }
 
@@ -76,10 +79,9 @@ void export_mcap(server::PoseSource& source, const std::string& name, const Libr
   const auto poses = writer.add_channel("/secondskin/export/pose",
                                         "secondskin_msgs::msg::SkeletonPose", "omgidl", idl);
   const std::uint32_t id = bus::skeleton_id(source.skeleton());
-  StampedPose pose;
   msg::SkeletonPose message;
   std::uint32_t count = 0;
-  while (source.next(pose)) {
+  server::for_each_pose(source, [&](const StampedPose& pose) {
     if (count == 0) {
       msg::SkeletonDefinition body;
       bus::to_message(source.skeleton(), name, source.rate_hz(), body);
@@ -89,29 +91,61 @@ void export_mcap(server::PoseSource& source, const std::string& name, const Libr
     bus::to_message(pose, id, message);
     message.header().publish_ns(pose.stamp_ns);
     writer.write(poses, ++count, pose.stamp_ns, pose.stamp_ns, bus::encode(message));
-  }
+  });
   writer.close();
+}
+
+/// A source's markers: its own, or its joints' centres.
+MarkerMotion markers_of(server::PoseSource& source) {
+  if (const auto* own = dynamic_cast<server::MarkerSource*>(&source)) return own->markers();
+  MarkerMotion out;
+  out.rate_hz = source.rate_hz();
+  if (auto* optical = optical_of(source)) {
+    out.names = optical->names();
+    optical->observe([&out](const server::OpticalSource& from, server::Next what) {
+      if (what == server::Next::kPose) out.frames.push_back(from.points());
+    });
+    server::for_each_pose(source, [](const StampedPose&) {});
+    optical->observe({});
+    return out;
+  }
+  const Motion motion = server::read_all(source);
+  out.rate_hz = motion.rate_hz;
+  std::vector<Eigen::Isometry3d> X_WB(motion.skeleton.size());
+  for (const auto& segment : motion.skeleton.segments()) out.names.push_back(segment.name);
+  for (const Pose& pose : motion.poses) {
+    forward_kinematics(motion.skeleton, pose.p_WR, pose.q_PB, X_WB);
+    MarkerFrame frame(X_WB.size());
+    for (std::size_t j = 0; j < X_WB.size(); ++j) {
+      frame.p_WM[j] = X_WB[j].translation();
+      frame.visible[j] = pose.confidence[j] > 0.0F ? 1 : 0;
+    }
+    out.frames.push_back(std::move(frame));
+  }
+  return out;
 }
 
 void export_command(CLI::App& app) {
   struct Options {
     std::string source;
     fs::path to;
-    FileOptions file;
+    SourceOptions from;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("export", "run a source as fast as it can into a file");
   command->footer(
       "Example:  secondskin export session.mcap --to angles.csv\n"
       "csv: time, root position, every joint's anatomical angles in degrees. bvh: canonical body,\n"
-      "metres, z up. mcap: skeleton and poses.");
-  command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")->required();
-  command->add_option("--to", options->to, "FILE.bvh, FILE.csv or FILE.mcap")->required();
-  add_file_options(*command, options->file);
+      "metres, z up. c3d, trc: the source's markers or points, else the joints' centres. mcap: "
+      "skeleton\n"
+      "and poses.");
+  command->add_option("source", options->source, kSourceHelp)->required();
+  command->add_option("--to", options->to, "FILE.bvh, FILE.csv, FILE.c3d, FILE.trc or FILE.mcap")
+      ->required();
+  add_source_options(*command, options->from);
   command->callback([options] {
     const Library library;
-    const auto source =
-        server::open_source(options->source, library.joint_maps(), options->file.retarget());
+    const auto source = options->from.open(options->source, library);
     const std::string kind = options->to.extension().string();
     if (kind == ".csv") {
       export_csv(*source, options->to);
@@ -119,9 +153,11 @@ void export_command(CLI::App& app) {
       write_bvh(server::read_all(*source), options->to);
     } else if (kind == ".mcap") {
       export_mcap(*source, options->source, library, options->to);
+    } else if (kind == ".c3d" || kind == ".trc") {
+      write_markers(markers_of(*source), options->to);
     } else {
       throw std::runtime_error(
-          fmt::format("--to {}: expected .bvh, .csv or .mcap", options->to.string()));
+          fmt::format("--to {}: expected .bvh, .csv, .c3d, .trc or .mcap", options->to.string()));
     }
     spdlog::info("wrote {}", options->to.string());
   });
@@ -134,34 +170,32 @@ template <class Look>
 void follow(const std::shared_ptr<const coach::Reference>& reference, server::PoseSource& source,
             Look look) {
   coach::Aligner aligner(reference);
-  StampedPose pose;
-  std::int64_t start = 0;
-  for (bool first = true; source.next(pose); first = false) {
-    if (first) start = pose.stamp_ns;
+  std::optional<std::int64_t> start;
+  server::for_each_pose(source, [&](StampedPose pose) {
+    if (!start) start = pose.stamp_ns;
     // Stamps count from one millisecond: 0 means "none" to the stages.
-    pose.stamp_ns += 1'000'000 - start;
+    pose.stamp_ns += 1'000'000 - *start;
     look(pose, aligner.update(pose.stamp_ns, pose.pose), seconds(pose.stamp_ns - 1'000'000));
-  }
+  });
 }
 
 void align_command(CLI::App& app) {
   struct Options {
     std::string reference, source;
-    FileOptions file;
+    SourceOptions from;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("align", "say for each frame where in the reference it is");
   command->footer("Example:  secondskin align --reference squat my_squats.bvh --json");
   command->add_option("--reference", options->reference, "name, folder or motion file")->required();
-  command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")->required();
+  command->add_option("source", options->source, kSourceHelp)->required();
   command->add_flag("--json", options->json, "one JSON object a line");
-  add_file_options(*command, options->file);
+  add_source_options(*command, options->from);
   command->callback([options] {
     const Library library;
     const auto reference = library.load_reference(options->reference);
-    const auto source =
-        server::open_source(options->source, library.joint_maps(), options->file.retarget());
+    const auto source = options->from.open(options->source, library);
     if (!options->json) {
       fmt::print("{:>8} {:>11} {:>6} {:>10} {:>8} {:>10}\n", "t", "reference_t", "tempo",
                  "confidence", "phase", "repetition");
@@ -204,22 +238,22 @@ void score_command(CLI::App& app) {
   struct Options {
     std::string reference;
     std::vector<std::string> sources;
-    FileOptions file;
+    SourceOptions from;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("score", "score each repetition in recordings");
   command->footer("Example:  secondskin score --reference squat monday.mcap friday.mcap --json");
   command->add_option("--reference", options->reference, "name, folder or motion file")->required();
-  command->add_option("source", options->sources, "replay:FILE or FILE (.bvh, .mcap)")->required();
+  command->add_option("source", options->sources, kSourceHelp)->required();
   command->add_flag("--json", options->json, "one JSON object");
-  add_file_options(*command, options->file);
+  add_source_options(*command, options->from);
   command->callback([options] {
     const Library library;
     const auto reference = library.load_reference(options->reference);
     json all = json::array();
     for (const auto& name : options->sources) {
-      const auto source = server::open_source(name, library.joint_maps(), options->file.retarget());
+      const auto source = options->from.open(name, library);
       coach::RepetitionScorer scorer(reference);
       coach::JointVectors error = coach::zero_vectors();
       const auto keep = [&](const std::optional<coach::RepetitionScore>& score) {
@@ -328,7 +362,7 @@ void print_tree(const json& value, int depth) {
 void info_command(CLI::App& app) {
   struct Options {
     fs::path path;
-    FileOptions file;
+    SourceOptions from;
     bool json = false;
   };
   auto options = std::make_shared<Options>();
@@ -336,11 +370,11 @@ void info_command(CLI::App& app) {
   command->footer("Example:  secondskin info session.mcap");
   command->add_option("file", options->path, ".bvh or .mcap")->required()->check(CLI::ExistingFile);
   command->add_flag("--json", options->json, "as JSON");
-  add_file_options(*command, options->file);
+  add_source_options(*command, options->from);
   command->callback([options] {
     const json out = options->path.extension() == ".mcap"
                          ? describe_recording(options->path)
-                         : describe_motion(options->path, Library(), options->file.retarget());
+                         : describe_motion(options->path, Library(), options->from.retarget());
     if (options->json) {
       fmt::print("{}\n", out.dump(2));
     } else {

@@ -31,8 +31,11 @@ int run(int argc, char** argv) {
       "say more on standard error");
   cli::add_train(app);
   cli::add_services(app);
+  cli::add_virtual_tags(app);
+  cli::add_suit(app);
   cli::add_files(app);
   cli::add_reference(app);
+  cli::add_calibrate(app);
   cli::add_doctor(app);
   if (argc > 1 && argv[1][0] != '-' &&
       app.get_subcommands([&](CLI::App* known) { return known->check_name(argv[1]); }).empty()) {

@@ -75,7 +75,7 @@ struct AddOptions {
   std::string source, name, description;
   double start = 0.0;
   std::optional<double> end;
-  FileOptions file;
+  SourceOptions from;
 };
 
 std::string toml_string(const std::string& text) { return json(text).dump(); }
@@ -93,8 +93,7 @@ void add(const AddOptions& options) {
     throw std::runtime_error(
         fmt::format("{}: exists already; remove it or choose another --name", folder.string()));
   }
-  const auto source =
-      server::open_source(options.source, library.joint_maps(), options.file.retarget());
+  const auto source = options.from.open(options.source, library);
   Motion motion = server::read_all(*source);
   const double end = options.end.value_or(motion.duration());
   if (!(options.start >= 0.0) || !(end > options.start) || end > motion.duration() + 1e-6) {
@@ -149,13 +148,12 @@ void add_reference(CLI::App& app) {
   auto options = std::make_shared<AddOptions>();
   auto* add_command = command->add_subcommand("add", "make one of a motion file or a recording");
   add_command->footer("Example:  secondskin reference add my_squat.bvh --name squat --end 4.5");
-  add_command->add_option("source", options->source, "replay:FILE or FILE (.bvh, .mcap)")
-      ->required();
+  add_command->add_option("source", options->source, kSourceHelp)->required();
   add_command->add_option("--name", options->name, "what to call it")->required();
   add_command->add_option("--description", options->description, "a line for people");
   add_command->add_option("--start", options->start, "cut from here [s]")->capture_default_str();
   add_command->add_option("--end", options->end, "cut to here [s] (default: the end)");
-  add_file_options(*add_command, options->file);
+  add_source_options(*add_command, options->from);
   add_command->callback([options] { add(*options); });
 }
 

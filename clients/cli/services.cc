@@ -22,15 +22,17 @@ namespace {
 void capture(CLI::App& app) {
   struct Options {
     BusOptions bus;
-    FileOptions file;
+    SourceOptions from;
     server::CaptureOptions capture;
     bool fast = false;
+    std::string bytes;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("capture", "run a source and publish its poses");
-  command->footer("Example:  secondskin capture replay:squat.bvh --loop --speed 0.5");
-  command->add_option("source", options->capture.source_name, "replay:FILE or FILE (.bvh, .mcap)")
-      ->required();
+  command->footer(
+      "Example:  secondskin capture replay:squat.bvh --loop --speed 0.5\n"
+      "          secondskin capture optical:/dev/ttyUSB0,/dev/ttyUSB1 --suit second_skin");
+  command->add_option("source", options->capture.source_name, kSourceHelp)->required();
   command->add_option("--speed", options->capture.speed, "times the source's own rate")
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
@@ -38,20 +40,23 @@ void capture(CLI::App& app) {
   command->add_flag("--loop", options->capture.loop, "start again at the end");
   command->add_option("--wait-for", options->capture.wait_for_readers,
                       "begin when so many programs read the poses (at most 5 s later)");
-  add_file_options(*command, options->file);
+  command->add_option("--save-bytes", options->bytes,
+                      "optical: keep the tags' bytes in PREFIX0.tag, PREFIX1.tag, ...");
+  add_source_options(*command, options->from);
   add_bus_options(*command, options->bus);
   command->callback([options] {
     StopOnSignal signals;
     if (options->fast) options->capture.speed = 0.0;
-    auto source = server::open_source(options->capture.source_name, Library().joint_maps(),
-                                      options->file.retarget());
+    auto source = options->from.open(options->capture.source_name, Library());
     bus::Participant participant(options->bus.configuration("secondskin_capture"));
+    const OpticalOutputs optical(participant, *source, options->bytes);
     server::CaptureService service(participant, *source, options->capture);
     spdlog::info("capture: {} at {:g} Hz, subject '{}', domain {}", options->capture.source_name,
                  source->rate_hz(), options->bus.config.subject, options->bus.config.domain);
     const auto counts = service.run(signals.token());
     fmt::print("capture: {} poses published, {} refused, {} late\n", counts.published,
                counts.refused, counts.late);
+    optical.report();
   });
 }
 

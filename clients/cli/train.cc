@@ -31,14 +31,15 @@ using namespace std::chrono_literals;
 constexpr const char* kVirtualPort = "virtual";
 constexpr auto kLongestStart = 20s;
 constexpr auto kLongestDiscovery = 5s;
-// All of bus::kTopics but points and raw, which no recorded learner has.
+// All of bus::kTopics but points and raw, which only an optical system has.
 constexpr std::size_t kTopicsOfASession = 11;
+constexpr std::size_t kTopicsOfAnOpticalSession = 13;
 // For the last pose to reach the coach, and its words the recorder.
 constexpr auto kLastPose = 150ms;
 
 struct TrainOptions {
   BusOptions bus;
-  FileOptions file;
+  SourceOptions from;
   std::string reference = kDefaultReference;
   std::string learner;
   std::string port = kVirtualPort;
@@ -243,7 +244,7 @@ void train(TrainOptions& options) {
                       options.reference));
     }
   }
-  auto source = server::open_source(options.learner, library.joint_maps(), options.file.retarget());
+  auto source = options.from.open(options.learner, library);
   coach::CoachServiceOptions coach_options;
   coach_options.references = {reference};
   coach_options.body_map = library.load_body_map(options.body_map);
@@ -263,6 +264,7 @@ void train(TrainOptions& options) {
   }
 
   bus::Participant participant(options.bus.configuration("secondskin_train"));
+  const OpticalOutputs optical(participant, *source);
 
   tactor_driver::TactorService tactors(participant, {options.port, options.baud_rate});
   coach::CoachService coach(participant, std::move(coach_options));
@@ -289,7 +291,9 @@ void train(TrainOptions& options) {
                                   .loop = options.loop,
                                   .wait_for_readers = 2});
   wait_for_session(states, signals.token());
-  if (!recorder.wait_until_heard(kTopicsOfASession, kLongestDiscovery)) {
+  if (!recorder.wait_until_heard(
+          optical_of(*source) != nullptr ? kTopicsOfAnOpticalSession : kTopicsOfASession,
+          kLongestDiscovery)) {
     spdlog::warn("the recorder does not hear every topic yet; the first moments may be missing");
   }
 
@@ -373,7 +377,7 @@ void add_train(CLI::App& app) {
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   command->add_flag("--loop", options->loop, "start the learner again at the end");
-  add_file_options(*command, options->file);
+  add_source_options(*command, options->from);
   add_bus_options(*command, options->bus);
   command->callback([options] { train(*options); });
 }

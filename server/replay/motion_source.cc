@@ -14,13 +14,13 @@ MotionSource::MotionSource(Motion motion) : motion_(std::move(motion)) {
   }
 }
 
-bool MotionSource::next(StampedPose& pose) {
-  if (next_ >= motion_.poses.size()) return false;
+Next MotionSource::next(StampedPose& pose) {
+  if (next_ >= motion_.poses.size()) return Next::kEnd;
   pose.frame = next_;
   pose.stamp_ns = std::llround(1e9 * static_cast<double>(next_) / motion_.rate_hz);
   pose.pose = motion_.poses[next_];
   ++next_;
-  return true;
+  return Next::kPose;
 }
 
 bool MotionSource::rewind() {

@@ -13,7 +13,7 @@ class MotionSource final : public PoseSource {
 
   const Skeleton& skeleton() const override { return motion_.skeleton; }
   double rate_hz() const override { return motion_.rate_hz; }
-  bool next(StampedPose& pose) override;
+  Next next(StampedPose& pose) override;
   bool rewind() override;
 
  private:

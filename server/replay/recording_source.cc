@@ -79,10 +79,10 @@ Skeleton read(const std::filesystem::path& file, double& rate_hz, std::vector<St
 RecordingSource::RecordingSource(const std::filesystem::path& file)
     : skeleton_(read(file, rate_hz_, poses_)) {}
 
-bool RecordingSource::next(StampedPose& pose) {
-  if (next_ >= poses_.size()) return false;
+Next RecordingSource::next(StampedPose& pose) {
+  if (next_ >= poses_.size()) return Next::kEnd;
   pose = poses_[next_++];
-  return true;
+  return Next::kPose;
 }
 
 bool RecordingSource::rewind() {

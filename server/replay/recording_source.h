@@ -15,7 +15,7 @@ class RecordingSource final : public PoseSource {
 
   const Skeleton& skeleton() const override { return skeleton_; }
   double rate_hz() const override { return rate_hz_; }
-  bool next(StampedPose& pose) override;
+  Next next(StampedPose& pose) override;
   bool rewind() override;
 
  private:

@@ -1,0 +1,31 @@
+#include "motion/whole_file.h"
+
+#include <fmt/format.h>
+
+#include <cerrno>
+#include <fstream>
+#include <system_error>
+
+namespace secondskin {
+
+void write_whole_file(const std::filesystem::path& file, std::string_view bytes) {
+  std::filesystem::path partial = file;
+  partial += ".partial";
+  const auto fail = [&](int error, bool created = true) {
+    std::error_code ignored;
+    if (created) std::filesystem::remove(partial, ignored);
+    throw std::system_error(error != 0 ? error : EIO, std::generic_category(),
+                            fmt::format("cannot write {}", file.string()));
+  };
+  errno = 0;
+  std::ofstream out(partial, std::ios::binary | std::ios::trunc);
+  if (!out) fail(errno, false);
+  out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+  out.close();
+  if (!out) fail(errno);
+  std::error_code error;
+  std::filesystem::rename(partial, file, error);
+  if (error) fail(error.value());
+}
+
+}  // namespace secondskin
