@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "recording/mcap_reader.h"
@@ -46,6 +47,57 @@ TEST(Train, RunsTheLearnerOnceAndItsRecordingReplaysToTheSameCommands) {
   EXPECT_GT(result["corrections"], 20);
   EXPECT_TRUE(result["remarks"].empty()) << replay.output();
   EXPECT_EQ(result["repetitions"], reader.find("/repetition")->messages);
+}
+
+TEST(Train, FollowsABodyInASuitOfPhotodetectors) {
+  const Session session;
+  const std::string file = session.folder / "optical.mcap";
+  const std::string learner = SECONDSKIN_SOURCE_DIR "/reference_motions/squat/learner.bvh";
+  Process train = session.start(
+      "train", session.on_bus({"train", "--reference", "squat", "--learner", "sim:" + learner,
+                               "--tolerance-scale", "0.2", "--recording", file}));
+  ASSERT_TRUE(train.wait(90s)) << train.output();
+  const std::string said = train.output();
+  ASSERT_EQ(train.exit_code(), 0) << said;
+  EXPECT_NE(said.find("repetition 1: score"), std::string::npos) << said;
+  EXPECT_EQ(said.find("Cues: 0 given"), std::string::npos) << said;
+  const recording::McapReader reader(file);
+  for (const char* topic : {"/pose", "/points", "/raw", "/tactors"}) {
+    const auto channel = reader.find(topic);
+    ASSERT_TRUE(channel) << topic;
+    EXPECT_GT(channel->messages, 150u) << topic;
+  }
+  EXPECT_EQ(reader.metadata().at("skeleton").at("rate_hz"), "62.5");
+}
+
+TEST(Commands, CalibrateProjectorsAndWearerFromTheBytesOfVirtualTags) {
+  const Session session;
+  const auto run = [&](const std::string& name, const std::vector<std::string>& arguments) {
+    Process process = session.start(name, arguments);
+    EXPECT_TRUE(process.wait(120s)) << name;
+    EXPECT_EQ(process.exit_code(), 0) << process.output();
+    return process.output();
+  };
+  const std::string folder = session.folder / "";
+  const std::string learner = SECONDSKIN_SOURCE_DIR "/reference_motions/squat/learner.bvh";
+  run("wand", {"virtual-tags", "wand", "--files", folder + "wand"});
+  const auto said = run("calibrate", {"calibrate", "optical", "wand", folder + "wand0.tag", "--out",
+                                      folder + "projectors.txt"});
+  EXPECT_NE(said.find("calibration of 16 of 16 projectors"), std::string::npos) << said;
+  run("suit", {"virtual-tags", learner, "--files", folder + "suit"});
+  std::string source = "optical:";
+  for (int tag = 0; tag < 5; ++tag) {
+    source += (tag > 0 ? "," : "") + folder + "suit" + std::to_string(tag) + ".tag";
+  }
+  run("skeleton", {"calibrate", "skeleton", source, "--projectors", folder + "projectors.txt",
+                   "--out", folder + "body.toml"});
+  run("export", {"export", source, "--projectors", folder + "projectors.txt", "--body",
+                 folder + "body.toml", "--to", folder + "out.csv"});
+  std::ifstream csv(folder + "out.csv");
+  std::string line;
+  std::size_t rows = 0;
+  while (std::getline(csv, line)) ++rows;
+  EXPECT_GT(rows, 200u);
 }
 
 TEST(SeparateProcesses, ARecordingAcrossACoachsRestartReplaysAsTwoSessions) {
