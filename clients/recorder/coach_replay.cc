@@ -192,15 +192,13 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
       // A coach that has met no pose yet names none: its state is for its first one.
       const bool of_fresh_coach = state.header().stamp_ns() <= 1;
       if (of_fresh_coach ? !fresh_coach : state.header().stamp_ns() > stamp) break;
-      if (of_fresh_coach) {
-        fresh_coach = false;
-        if (last_number > 1) {
-          result.remarks.push_back(
-              fmt::format("the first {} frames of a session were not recorded: its commands may "
-                          "differ",
-                          last_number - 1));
-        }
+      if (fresh_coach && last_number > 1) {
+        result.remarks.push_back(
+            fmt::format("the first {} frames of a session were not recorded: its commands may "
+                        "differ",
+                        last_number - 1));
       }
+      fresh_coach = false;
       obey(state, body->second);
       ++next_state;
     }
