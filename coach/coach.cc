@@ -15,17 +15,27 @@ double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 }  // namespace
 
 Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const CoachSettings& settings,
-             CorrectionSource& solver)
+             CorrectionSource& solver, TactileSetup tactile)
     : reference_(reference),
       aligner_(reference),
-      mapper_(std::move(map), {.max_cues = settings.max_cues}),
+      safe_range_(std::move(tactile.safe_range)),
+      mapper_(std::move(map),
+              {.max_cues = settings.max_cues,
+               .duration_scaled = tactile.duration_scaled,
+               .command_lifetime = kCommandLifetime},
+              tactile.exposure),
       scorer_(reference),
       solver_(&solver),
       last_pose_(kJointCount) {
   problem_.learner = Pose(kJointCount);
 
+  tolerance_scale_ = settings.tolerance_scale;
+  set_tolerance(0.0);
+}
+
+void Coach::set_tolerance(double reference_time) noexcept {
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    tolerance_[j] = reference_->tolerance[j] * settings.tolerance_scale;
+    tolerance_[j] = reference_->tolerance_at(reference_time, j) * tolerance_scale_;
   }
 }
 
@@ -67,6 +77,7 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
     estimate_velocity(pose);
   }
   joint_errors(*reference_, out.alignment.reference_time, pose.pose, out.error);
+  set_tolerance(out.alignment.reference_time);
   const bool following =
       !paused_ && (out.alignment.phase == Phase::kMoving || out.alignment.phase == Phase::kPaused);
   if (!paused_) {
@@ -87,7 +98,9 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
 
   out.correction = in_use_;
   const bool cue = following && !muted_ && in_use_.status != SolverStatus::kNone;
-  out.tactors = mapper_.update(pose.stamp_ns, in_use_, out.error, tolerance_, cue);
+  const SafeRangeAlarm* alarm =
+      paused_ || muted_ ? nullptr : &safe_range_.update(pose.pose, velocity_);
+  out.tactors = mapper_.update(pose.stamp_ns, in_use_, out.error, tolerance_, cue, alarm);
 }
 
 void Coach::pose_problem() noexcept {
@@ -111,6 +124,7 @@ std::uint64_t fingerprint(const Reference& reference) noexcept {
   }
   mix(reference.weight.data(), reference.weight.size());
   mix(reference.tolerance.data(), reference.tolerance.size());
+  for (const auto& band : reference.band) mix(band.data(), band.size());
   return hash;
 }
 

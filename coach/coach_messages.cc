@@ -80,6 +80,73 @@ void to_message(const StampedPose& pose, const RepetitionScore& score,
   }
 }
 
+void to_message(const BodyMap& map, const TactileSetup& tactile, msg::SessionState& message) {
+  message.body_map(map.name.substr(0, 64));
+  message.repulsive(map.repulsive);
+  message.duration_scaled(tactile.duration_scaled);
+  message.exposure_stamp_ns(tactile.exposure.stamp_ns);
+  message.tactors().clear();
+  for (const Tactor& tactor : map.tactors) {
+    const SiteExposure& exposure = tactile.exposure.sites[tactor.channel];
+    msg::TactorSite site;
+    site.channel(static_cast<std::uint8_t>(tactor.channel));
+    set_name(index(tactor.segment), site.segment());
+    site.along(tactor.along);
+    site.angle(tactor.angle);
+    site.dc_motor(tactor.actuator == wire::Actuator::kDcMotor);
+    site.threshold(tactor.threshold);
+    site.ceiling(tactor.ceiling);
+    site.acceleration(tactor.acceleration);
+    site.no_phantom_with(tactor.no_phantom_with);
+    site.dose(exposure.dose);
+    site.duty(exposure.duty);
+    site.heat(exposure.heat);
+    message.tactors().push_back(site);
+  }
+  message.safe_range().clear();
+  for (const JointLimit& limit : tactile.safe_range.limits) {
+    msg::JointLimit joint;
+    set_name(index(limit.joint), joint.joint());
+    joint.movement(static_cast<std::uint8_t>(limit.movement));
+    joint.minimum(limit.minimum);
+    joint.maximum(limit.maximum);
+    message.safe_range().push_back(joint);
+  }
+}
+
+bool from_message(const msg::SessionState& message, BodyMap& map, TactileSetup& tactile) {
+  if (message.tactors().empty()) return false;
+  map = {};
+  map.name = message.body_map().to_string();
+  map.repulsive = message.repulsive();
+  tactile = {};
+  tactile.duration_scaled = message.duration_scaled();
+  tactile.exposure.stamp_ns = message.exposure_stamp_ns();
+  for (const msg::TactorSite& site : message.tactors()) {
+    const auto segment = find_joint(site.segment().to_string());
+    if (!segment || site.channel() >= wire::kTactorCount) return false;
+    Tactor tactor;
+    tactor.channel = site.channel();
+    tactor.segment = *segment;
+    tactor.along = site.along();
+    tactor.angle = site.angle();
+    tactor.actuator = site.dc_motor() ? wire::Actuator::kDcMotor : wire::Actuator::kVoiceCoil;
+    tactor.threshold = site.threshold();
+    tactor.ceiling = site.ceiling();
+    tactor.acceleration = site.acceleration();
+    tactor.no_phantom_with = site.no_phantom_with();
+    map.tactors.push_back(tactor);
+    tactile.exposure.sites[tactor.channel] = {site.dose(), site.duty(), site.heat()};
+  }
+  for (const msg::JointLimit& limit : message.safe_range()) {
+    const auto joint = find_joint(limit.joint().to_string());
+    if (!joint || limit.movement() >= kMovementNames.size()) return false;
+    tactile.safe_range.limits.push_back(
+        {*joint, static_cast<Movement>(limit.movement()), limit.minimum(), limit.maximum()});
+  }
+  return true;
+}
+
 Phase phase_of(msg::AlignmentPhase phase) noexcept { return static_cast<Phase>(phase); }
 
 SolverStatus status_of(msg::SolverStatus status) noexcept {

@@ -16,6 +16,12 @@ void to_message(const StampedPose& pose, const wire::BoardState& tactors,
 void to_message(const StampedPose& pose, const RepetitionScore& score,
                 bus::msg::RepetitionScore& message);
 
+/// The body map as the session uses it and the tactile setup at its start, so that a replay needs
+/// neither the map's file nor the learner's. Start-up only.
+void to_message(const BodyMap& map, const TactileSetup& tactile, bus::msg::SessionState& message);
+/// @returns whether the message has a map; older recordings have none
+bool from_message(const bus::msg::SessionState& message, BodyMap& map, TactileSetup& tactile);
+
 Phase phase_of(bus::msg::AlignmentPhase phase) noexcept;
 SolverStatus status_of(bus::msg::SolverStatus status) noexcept;
 

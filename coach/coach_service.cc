@@ -64,9 +64,12 @@ struct CoachService::State {
     const auto& chosen = options.references.at(reference_index);
     coach.reset();
     solver = std::make_unique<SolverThread>(
-        chosen, *body, CorrectionOptions{.tolerance_scale = options.settings.tolerance_scale},
+        chosen, *body,
+        CorrectionOptions{.tolerance_scale = options.settings.tolerance_scale,
+                          .max_joints = options.settings.max_cues},
         options.solve_limit);
-    coach = std::make_unique<Coach>(chosen, options.body_map, options.settings, *solver);
+    coach = std::make_unique<Coach>(chosen, options.body_map, options.settings, *solver,
+                                    options.tactile);
     coach->mute(stop.active());
     ++session_number;
     session_start_ns = bus::now_ns();
@@ -80,6 +83,7 @@ struct CoachService::State {
     if (!coach) return;
     if (auto score = coach->finish()) publish_repetition(*score);
     count_solver();
+    options.tactile.exposure = coach->exposure();  // the skin does not begin afresh
     coach.reset();
     solver.reset();
     all_off();
@@ -192,7 +196,7 @@ struct CoachService::State {
     const auto& chosen = *options.references.at(reference_index);
     message.reference(chosen.name.substr(0, 64));
     message.reference_fingerprint(fingerprint(chosen));
-    message.body_map(options.body_map.name.substr(0, 64));
+    to_message(options.body_map, options.tactile, message);
     message.tolerance_scale(options.settings.tolerance_scale);
     message.max_cues(options.settings.max_cues);
     message.repetitions(repetition_count);
@@ -327,6 +331,7 @@ CoachSummary CoachService::run(std::stop_token stop) {
     s.news.wait(std::chrono::nanoseconds(std::max<std::int64_t>(due - now, 1'000'000)));
   }
   s.end_session();
+  s.summary.exposure = s.options.tactile.exposure;
   s.phase = msg::SESSION_ENDED;
   s.state_changed = true;
   s.publish_state();

@@ -18,6 +18,7 @@ struct CoachServiceOptions {
   std::vector<std::shared_ptr<const Reference>> references;  ///< to choose from; the first at start
   BodyMap body_map;
   CoachSettings settings;
+  TactileSetup tactile;
   SolveLimit solve_limit;
   bool start = true;  ///< begin a session at once; else wait for a command
 };
@@ -39,6 +40,7 @@ struct CoachSummary {
   std::uint64_t corrections = 0;  ///< solver results used
   std::uint64_t fallbacks = 0;
   double solver_cpu = 0.0;  ///< [s]
+  ExposureState exposure;   ///< what the learner's skin has borne at the end
 };
 
 class CoachService {

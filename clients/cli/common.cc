@@ -226,10 +226,24 @@ fs::path Library::find_reference(const std::string& name_or_path) const {
                   name_or_path, fmt::join(names, ", ")));
 }
 
+std::vector<fs::path> Library::find_references(const std::string& names_or_paths) const {
+  if (fs::exists(names_or_paths) || names_or_paths.find(kPerformances) == std::string::npos) {
+    return {find_reference(names_or_paths)};
+  }
+  std::vector<fs::path> found;
+  for (std::size_t begin = 0; begin <= names_or_paths.size();) {
+    const std::size_t end =
+        std::min(names_or_paths.find(kPerformances, begin), names_or_paths.size());
+    found.push_back(find_reference(names_or_paths.substr(begin, end - begin)));
+    begin = end + 1;
+  }
+  return found;
+}
+
 std::shared_ptr<const coach::Reference> Library::load_reference(
-    const std::string& name_or_path) const {
+    const std::string& names_or_paths) const {
   return std::make_shared<const coach::Reference>(
-      coach::load_reference(find_reference(name_or_path), joint_maps()));
+      coach::load_reference(find_references(names_or_paths), joint_maps()));
 }
 
 fs::path Library::find_file(const char* kind, const char* folder,

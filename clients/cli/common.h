@@ -53,7 +53,10 @@ class Library {
   std::vector<std::filesystem::path> references() const;
   /// By name, or a path to a folder or motion file. @throws std::runtime_error listing the names.
   std::filesystem::path find_reference(const std::string& name_or_path) const;
-  std::shared_ptr<const coach::Reference> load_reference(const std::string& name_or_path) const;
+  /// Several performances of one motion, as --reference given more than once hands them over:
+  /// names or paths with "+" between them.
+  std::vector<std::filesystem::path> find_references(const std::string& names_or_paths) const;
+  std::shared_ptr<const coach::Reference> load_reference(const std::string& names_or_paths) const;
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
   coach::BodyMap load_body_map(const std::string& name_or_path) const;
 
@@ -63,6 +66,9 @@ class Library {
 
   std::filesystem::path root_;
 };
+
+/// What joins the values of a --reference that is given more than once.
+inline constexpr char kPerformances = '+';
 
 /// Options of every command that opens a SOURCE.
 struct SourceOptions {
@@ -140,6 +146,7 @@ void add_services(CLI::App& app);
 void add_virtual_tags(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
+void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_doctor(CLI::App& app);

@@ -188,7 +188,11 @@ void align_command(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("align", "say for each frame where in the reference it is");
   command->footer("Example:  secondskin align --reference squat my_squats.bvh --json");
-  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command
+      ->add_option("--reference", options->reference,
+                   "name, folder or motion file; given more than once: several performances")
+      ->join(kPerformances)
+      ->required();
   command->add_option("source", options->source, kSourceHelp)->required();
   command->add_flag("--json", options->json, "one JSON object a line");
   add_source_options(*command, options->from);
@@ -244,7 +248,11 @@ void score_command(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("score", "score each repetition in recordings");
   command->footer("Example:  secondskin score --reference squat monday.mcap friday.mcap --json");
-  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command
+      ->add_option("--reference", options->reference,
+                   "name, folder or motion file; given more than once: several performances")
+      ->join(kPerformances)
+      ->required();
   command->add_option("source", options->sources, kSourceHelp)->required();
   command->add_flag("--json", options->json, "one JSON object");
   add_source_options(*command, options->from);

@@ -13,6 +13,7 @@
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
+#include "clients/cli/tactile_options.h"
 #include "clients/recorder/recorder_service.h"
 #include "clients/tactor_driver/tactor_service.h"
 #include "coach/coach_service.h"
@@ -46,6 +47,7 @@ struct TrainOptions {
   unsigned baud_rate = 115'200;
   std::string body_map = "full_body";
   coach::CoachSettings settings;
+  TactileOptions tactile;
   std::filesystem::path recording;
   bool loop = false;
   double speed = 1.0;
@@ -236,7 +238,7 @@ void train(TrainOptions& options) {
   const Library library;
   auto reference = library.load_reference(options.reference);
   if (options.learner.empty()) {
-    const auto folder = library.find_reference(options.reference);
+    const auto folder = library.find_references(options.reference).front();
     options.learner = (folder / "learner.bvh").string();
     if (!std::filesystem::exists(options.learner)) {
       throw std::runtime_error(
@@ -249,6 +251,8 @@ void train(TrainOptions& options) {
   coach_options.references = {reference};
   coach_options.body_map = library.load_body_map(options.body_map);
   coach_options.settings = options.settings;
+  coach_options.tactile = options.tactile.prepare(coach_options.body_map);
+  const coach::BodyMap body_map = coach_options.body_map;
   if (options.recording.empty()) options.recording = default_recording_name(reference->name);
 
   // Each part on its own thread; leaving this function in any way stops and joins them, the board
@@ -335,6 +339,7 @@ void train(TrainOptions& options) {
   coach_thread.join();
   tactor_thread.request_stop();
   tactor_thread.join();
+  options.tactile.keep(body_map, coach_summary.exposure);
   recorder_thread.request_stop();
   recorder_thread.join();
   print_summary(coach_summary, *reference, tactor_summary, capture_counts, recording,
@@ -354,8 +359,11 @@ void add_train(CLI::App& app) {
       "Without --learner a recorded learner that comes with the reference moves; without --port a\n"
       "virtual board vibrates.");
   command
-      ->add_option("--reference", options->reference,
-                   "name under reference_motions/, a folder or a motion file")
+      ->add_option(
+          "--reference", options->reference,
+          "name under reference_motions/, a folder or a motion file; given more than once: "
+          "several performances of one motion")
+      ->join(kPerformances)
       ->capture_default_str();
   command->add_option("--learner", options->learner, "source of the learner's poses");
   command->add_option("--port", options->port, "the tactor board's serial port, or 'virtual'")
@@ -378,6 +386,7 @@ void add_train(CLI::App& app) {
       ->capture_default_str();
   command->add_flag("--loop", options->loop, "start the learner again at the end");
   add_source_options(*command, options->from);
+  add_tactile_options(*command, options->tactile);
   add_bus_options(*command, options->bus);
   command->callback([options] { train(*options); });
 }

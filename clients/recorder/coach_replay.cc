@@ -157,12 +157,18 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
       }
       session.solver = std::make_unique<RecordedSchedule>(
           session.reference, body,
-          coach::CorrectionOptions{.tolerance_scale = state.tolerance_scale()});
+          coach::CorrectionOptions{.tolerance_scale = state.tolerance_scale(),
+                                   .max_joints = state.max_cues()});
+      coach::BodyMap map;
+      coach::TactileSetup tactile;
+      if (!coach::from_message(state, map, tactile)) {
+        map = library.body_map(state.body_map().to_string());
+      }
       session.coach = std::make_unique<coach::Coach>(
-          session.reference, library.body_map(state.body_map().to_string()),
+          session.reference, std::move(map),
           coach::CoachSettings{.tolerance_scale = state.tolerance_scale(),
                                .max_cues = state.max_cues()},
-          *session.solver);
+          *session.solver, std::move(tactile));
     }
     if (session.coach) {
       session.coach->pause(state.phase() == msg::SESSION_PAUSED);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 #include <optional>
 #include <stdexcept>
 #include <vector>
@@ -29,6 +30,8 @@ constexpr double kLostShare = 0.9;  // farther off is another motion
 constexpr double kLeastLost = 15.0 * kDegree, kMostLost = 30.0 * kDegree;
 constexpr double kMatchShare = 0.85;  // of the lost distance: near enough to begin
 constexpr double kMeanFit = 0.7;      // of its square: farther off on average was another motion
+constexpr double kBestFit = 12.0 * kDegree;  // farther off even in the best part was one, too
+constexpr double kBestShare = 0.3;           // of the time: the best part
 
 // How much of the path.
 constexpr double kStartProgress = 0.03;         // the learner has set off
@@ -43,7 +46,8 @@ constexpr double kTurnProgress = 0.05;          // so much back from there: like
 constexpr double kEndProgress = 0.95;           // the end's neighbourhood begins after it
 
 // For how long [s].
-constexpr double kErrorTime = 0.15, kVarianceTime = 0.5;  // memory of the pose error
+constexpr double kErrorTime = 0.15, kVarianceTime = 1.0;  // memory of the pose error
+constexpr double kFitTime = 1.5, kLeastFitTime = 1.0;     // memory of the fit, and enough of it
 constexpr double kLostTime = 0.3, kGiveUpTime = 2.0;
 constexpr double kPauseTime = 0.25, kStopTime = 0.5;
 constexpr double kAtStartTime = 0.15;
@@ -52,11 +56,42 @@ constexpr double kRestTime = 0.8;    // fitting without moving on
 constexpr double kRelocateTime = 0.12, kJoinTime = 0.4;  // another place fits better
 constexpr double kLongestGap = 1.0;                      // after it the past says nothing
 
-constexpr double kVarianceGain = 1.5;  // a learner's own way is not independent from frame to frame
+// Noise differs from frame to frame; a learner's own way, which is larger, does not: beyond
+// kOwnWay an error counts for less than its square.
+constexpr double kVarianceGain = 1.5;
+constexpr double kOwnWay = 7.0 * kDegree;
 constexpr double kPauseTempo = 0.12, kGoTempo = 0.25;
 constexpr double kStandShare = 0.1;  // of the expert's speed here: slower is standing still
 constexpr double kStartMix = 2.0;    // how often a start is expected while waiting [1/s]
-constexpr double kJumpRate = 0.02, kWaitingJumpRate = 0.0005;  // of leaps in the window [1/s]
+constexpr double kJumpRate = 0.001, kWaitingJumpRate = 0.0005;  // of leaps in the window [1/s]
+
+// For how long the learner was how far from the expert.
+class FitHistogram {
+ public:
+  void clear() noexcept { time_.fill(0.0); }
+
+  void fade(double keep) noexcept {
+    for (double& t : time_) t *= keep;
+  }
+
+  void add(double distance, double dt) noexcept {
+    time_[std::min(kBins - 1, static_cast<std::size_t>(distance / kBin))] += dt;
+  }
+
+  double time() const noexcept { return std::accumulate(time_.begin(), time_.end(), 0.0); }
+
+  /// Whether the best part of the time is all nearer than this.
+  bool fits(double distance) const noexcept {
+    const auto end = static_cast<std::ptrdiff_t>(distance / kBin);
+    return std::accumulate(time_.begin(), time_.begin() + end, 0.0) >= kBestShare * time();
+  }
+
+ private:
+  static constexpr double kBin = 1.0 * kDegree;
+  static constexpr std::size_t kBins = 40;
+  static_assert(kBestFit < kBin * kBins);
+  std::array<double, kBins> time_{};
+};
 
 }  // namespace
 
@@ -187,7 +222,9 @@ struct Aligner::State {
     if (waiting()) filter.mix_start(start_zone, std::min(0.5, kStartMix * dt));
     const FrameCosts costs{pose, cross, speed};
     features.compare(current, filter.begin(), costs);
-    filter.correct(costs, current, square(kPoseFloor) + kVarianceGain * variance,
+    filter.correct(costs, current,
+                   square(kPoseFloor) +
+                       kVarianceGain * variance * (1.0 + variance / square(kOwnWay)),
                    std::clamp(dt * rate_hz, 0.1, 2.0));
 
     const PositionFilter::Estimate before = estimate;
@@ -200,6 +237,12 @@ struct Aligner::State {
     error_square += (1.0 - std::exp(-dt / kErrorTime)) * (here - error_square);
     confidence = std::exp2(-error_square / lost_square) * estimate.concentration;
     variance += (1.0 - std::exp(-dt / kVarianceTime)) * (std::min(here, lost_square) - variance);
+
+    if (!waiting()) {
+      attempt_fit.add(std::sqrt(here), dt);
+      recent_fit.fade(std::exp(-dt / kFitTime));
+      recent_fit.add(std::sqrt(here), dt);
+    }
 
     advance(before.position, here, dt);
     decide(dt);
@@ -249,7 +292,7 @@ struct Aligner::State {
         go_on(dt);
         break;
       case Phase::kLost:
-        found = error_square < match_square ? found + dt : 0.0;
+        found = error_square < (another ? square(kBestFit) : match_square) ? found + dt : 0.0;
         if (found > kLostTime && (progress > kStartProgress * path.back() || found > kRestTime)) {
           enter(estimate.position < static_cast<double>(start_zone) ? Phase::kWaiting
                                                                     : Phase::kMoving);
@@ -292,7 +335,11 @@ struct Aligner::State {
     still = estimate.tempo < kPauseTempo || stands() ? still + dt : 0.0;
     astray = error_square > lost_square ? astray + dt : 0.0;
     at_start = in_start && fits && fits_now ? at_start + dt : 0.0;
-    if (fits) furthest = std::max(furthest, done);
+    if (fits && done >= furthest) {
+      furthest = done;
+      end_position = estimate.position;
+    }
+    const bool strange = recent_fit.time() > kLeastFitTime && !recent_fit.fits(kBestFit);
 
     const bool nearly = furthest > kStopProgress * whole;
     if ((in_end && fits_now) || (nearly && still > kStopTime) ||
@@ -304,6 +351,8 @@ struct Aligner::State {
       } else {
         enter(astray > kLostTime ? Phase::kLost : Phase::kWaiting);
       }
+    } else if (strange) {
+      refuse();
     } else if (phase == Phase::kMoving && still > kPauseTime) {
       enter(Phase::kPaused);
     } else if (phase == Phase::kPaused && still == 0.0 && estimate.tempo > kGoTempo) {
@@ -316,8 +365,16 @@ struct Aligner::State {
     return current.has_velocity && current.speed_square < square(kStandShare) * expert_speed_square;
   }
 
+  // Another motion that resembles this one.
+  void refuse() noexcept {
+    enter(Phase::kLost);
+    another = true;
+  }
+
   void finish() noexcept {
-    if (covered > kWholeProgress * path.back() && fit_sum <= kMeanFit * lost_square * fit_path) {
+    if (!attempt_fit.fits(kBestFit)) {
+      refuse();
+    } else if (covered > kWholeProgress * path.back() && fit_sum <= kMeanFit * lost_square * fit_path) {
       ++finished;
       repetition = finished;
       enter(Phase::kFinished);
@@ -328,7 +385,6 @@ struct Aligner::State {
 
   void enter(Phase next) noexcept {
     if (next == Phase::kWaiting || next == Phase::kFinished) {
-      if (next == Phase::kFinished) end_position = estimate.position;
       if (!waiting()) {
         filter.start(start_zone);
         estimate = filter.estimate();
@@ -337,6 +393,11 @@ struct Aligner::State {
       covered = progress = 0.0;
       furthest = fit_path = fit_sum = 0.0;
       repetition = finished;  // an attempt that was given up is none
+      attempt_fit.clear();
+    }
+    if (phase != Phase::kMoving && phase != Phase::kPaused) {
+      another = false;
+      recent_fit.clear();
     }
     phase = next;
     in_phase = still = astray = at_start = found = 0.0;
@@ -410,6 +471,9 @@ struct Aligner::State {
     since_start = kGiveUpTime;
     elsewhere_since = 0.0;
     finished = repetition = 0;
+    another = false;
+    attempt_fit.clear();
+    recent_fit.clear();
     last = {};
   }
 
@@ -443,8 +507,10 @@ struct Aligner::State {
   double progress = 0.0;                 // of the path since the last jump or misfit
   double since_start = 0.0;              // the learner was seen in the start's neighbourhood [s]
   double fit_path = 0.0, fit_sum = 0.0;  // of the squared pose error along the path
-  double furthest = 0.0;                 // last position that fitted in this attempt
-  double end_position = 0.0;
+  double furthest = 0.0;                 // of the path, among what fitted in this attempt
+  double end_position = 0.0;             // there; once finished it runs on [frames]
+  FitHistogram attempt_fit, recent_fit;  // of the squared pose error's root at the estimate
+  bool another = false;                  // lost because this is another motion
   double elsewhere_since = 0.0;  // another place has fitted better [s]
   std::uint32_t finished = 0, repetition = 0;
   std::uint64_t dropped = 0;

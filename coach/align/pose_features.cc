@@ -10,7 +10,7 @@ constexpr std::size_t kPelvisIndex = index(Joint::kPelvis);
 
 // A joint farther off than this counts hardly more: one arm that does something else must not hide
 // where the rest of the body is.
-constexpr float kSaturation = 2.0F;  // [rad^2], about 80 degrees
+constexpr float kSaturation = 0.5F;  // [rad^2], about 40 degrees
 
 // 8 (1 - |cos(angle / 2)|) = angle^2 + O(angle^4) for quaternions, and 2 (1 - cos(angle)) for
 // directions: both monotone in the angle, so no arc cosine is needed.

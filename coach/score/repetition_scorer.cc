@@ -56,7 +56,7 @@ std::optional<RepetitionScore> RepetitionScorer::update(std::int64_t stamp_ns,
   covered_to_ = std::max(covered_to_, alignment.reference_time);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const double e = error[j].norm();
-    const double tolerance = reference_->tolerance[j];
+    const double tolerance = reference_->tolerance_at(alignment.reference_time, j);
     Sums& s = sums_[j];
     s.square += e * e;
     s.peak = std::max(s.peak, e);

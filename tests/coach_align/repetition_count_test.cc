@@ -63,9 +63,10 @@ INSTANTIATE_TEST_SUITE_P(ReferenceMotions, RepetitionCount,
                          [](const auto& info) { return info.param.name; });
 
 TEST(Repetitions, AreNotCountedInAnotherMotion) {
-  for (const char* reference : {"roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
-    for (const char* learner : {"low_block", "stepping_punch", "roundhouse_kick", "squat",
-                                "jumping_jack", "wave_hello"}) {
+  for (const char* reference : {"low_block", "stepping_punch", "knife_hand_block",
+                                "roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
+    for (const char* learner : {"low_block", "stepping_punch", "knife_hand_block",
+                                "roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
       if (std::string(reference) == learner) continue;
       EXPECT_EQ(count(shipped(reference), shipped_learner(learner), 62.5).finished, 0)
           << learner << " followed in " << reference;
