@@ -129,6 +129,8 @@ Reference cook(Ingredients&& from) {
   ExpertAverage average = average_experts(from.performances, reference.weight, kReferenceRate);
   reference.motion = std::move(average.motion);
   if (reference.experts > 1) {
+    reference.posture = posture_model(reference.motion, from.performances, reference.weight,
+                                      reference.tolerance);
     reference.band = std::move(average.spread);
     for (auto& frame : reference.band) {
       for (std::size_t j = 0; j < kJointCount; ++j) {
@@ -181,7 +183,8 @@ Ingredients read_ingredients(const std::filesystem::path& folder_or_file,
   }
   const Description description(toml_file);
   description.known(description.table(), "",
-                    {"name", "description", "origin", "licence", "standing", "mirrored", "weights",
+                    {"name", "description", "origin", "licence", "standing", "mirrored",
+                     "either_side", "weights",
                      "tolerances_deg", "widest_tolerances_deg", "clip"});
 
   std::vector<Motion> performances{read_canonical(motion_file, joint_maps)};
@@ -217,6 +220,7 @@ Ingredients read_ingredients(const std::filesystem::path& folder_or_file,
   frame.origin = description.text("origin");
   frame.licence = description.text("licence");
   frame.standing = description.flag("standing");
+  frame.either_side = description.flag("either_side");
   result.mirrored = description.flag("mirrored");
   description.by_joint("weights", 0.0, 1.0, 1.0, frame.weight);
   description.by_joint("tolerances_deg", 0.1, 180.0, kDegree, frame.tolerance);
@@ -297,6 +301,7 @@ Reference mirrored(const Reference& reference) {
   result.weight = exchange(reference.weight);
   result.tolerance = exchange(reference.tolerance);
   for (auto& frame : result.band) frame = exchange(frame);
+  result.posture = mirrored(reference.posture);
   return result;
 }
 
