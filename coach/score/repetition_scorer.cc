@@ -22,6 +22,10 @@ double cost(double deviation, double spread) noexcept {
                     0.0, 1.0);
 }
 
+double joint_cost(double error, double tolerance) noexcept {
+  return std::clamp((error - tolerance) / (kWorstExcess * tolerance), 0.0, 1.0);
+}
+
 double between(double a, double b, double u) noexcept { return (1.0 - u) * a + u * b; }
 
 const Reference& checked(const std::shared_ptr<const Reference>& reference) {
@@ -147,14 +151,16 @@ std::optional<RepetitionScore> RepetitionScorer::update(std::int64_t stamp_ns, c
     if (!(pose.confidence[j] > 0.0F) || !std::isfinite(e)) continue;
     const double tolerance = reference_->tolerance_at(alignment.reference_time, j);
     Sums& s = sums_[j];
+    if (time <= kStartTime) {
+      s.start += error[j];
+      s.start_count += 1.0;
+    }
+    const double change = s.start_count > 0.0 ? (error[j] - s.start / s.start_count).norm() : 0.0;
     s.count += 1.0;
     s.square += e * e;
     s.peak = std::max(s.peak, e);
-    if (e <= tolerance) {
-      s.in_band += 1.0;
-    } else {
-      s.excess += std::min(1.0, (e - tolerance) / (kWorstExcess * tolerance));
-    }
+    if (e <= tolerance) s.in_band += 1.0;
+    s.cost += 0.5 * (joint_cost(e, tolerance) + joint_cost(change, tolerance));
   }
   return std::nullopt;
 }
@@ -190,7 +196,7 @@ RepetitionScore RepetitionScorer::complete() noexcept {
                        .reference_range = movement_.reference_range(j)};
     weights += reference_->weight[j];
     most = std::max(most, reference_->weight[j]);
-    cost += reference_->weight[j] * s.excess / s.count;
+    cost += reference_->weight[j] * s.cost / s.count;
   }
   if (weights > 0.0) score.lost[kCriterionCount] = cost / weights;
   weights = cost = 0.0;

@@ -87,7 +87,9 @@ class RepetitionScorer {
 
   std::shared_ptr<const Reference> reference_;
   struct Sums {
-    double count = 0.0, square = 0.0, peak = 0.0, in_band = 0.0, excess = 0.0;
+    double count = 0.0, square = 0.0, peak = 0.0, in_band = 0.0, cost = 0.0;
+    Eigen::Vector3d start = Eigen::Vector3d::Zero();  // errors of the first moments
+    double start_count = 0.0;
   };
   std::array<Sums, kJointCount> sums_{};
   PostureScorer posture_;

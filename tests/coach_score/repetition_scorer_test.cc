@@ -72,7 +72,7 @@ TEST_F(RepetitionScorerTest, AddsUpTheCriteria) {
   const RepetitionScore score = whole();
   const double legs = 0.5 / 3.0 / (1.0 + 1.0 + 0.5 + 0.5);
   const double symmetry = (15.0 / (5.0 * std::sqrt(2.0)) - 1.0) / 4.0 / 3.0 / 2.0;
-  const double joints = (15.0 - 10.0) / 30.0 * 2.0 / 3.0;
+  const double joints = 0.5 * (15.0 - 10.0) / 30.0 * 2.0 / 3.0;
   const auto lost = [&](Criterion c) { return score.lost[static_cast<std::size_t>(c)]; };
   EXPECT_NEAR(lost(Criterion::kLegs).value(), legs, 1e-9);
   EXPECT_NEAR(lost(Criterion::kSymmetry).value(), symmetry, 1e-9);
