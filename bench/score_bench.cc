@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <filesystem>
 #include <functional>
 #include <limits>
@@ -390,6 +391,7 @@ int main(int argc, char** argv) try {
       fmt::print(
           "  left out {}; a frame costs {:.1f} us (p99 {:.1f}), a repetition's end {:.0f} us\n\n",
           missing, 1e6 * cost.p50, 1e6 * cost.p99, 1e6 * cost.last);
+      std::fflush(stdout);
     }
   }
   if (count > 0.0) {

@@ -1,8 +1,7 @@
 #pragma once
 
 #include <array>
-#include <cstdint>
-#include <memory>
+#include <numbers>
 #include <optional>
 #include <vector>
 

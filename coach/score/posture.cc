@@ -20,15 +20,15 @@ constexpr double kLeastDepthSpread = 0.02;                            // [leg le
 
 constexpr std::size_t kDepthFeature = 0;
 
-Joints set_of(std::initializer_list<Joint> joints) {
-  Joints set;
+JointSet set_of(std::initializer_list<Joint> joints) {
+  JointSet set;
   for (const Joint j : joints) set.set(index(j));
   return set;
 }
 
 // From the pelvis to a joint, both included.
-Joints chain_of(Joint joint) {
-  Joints set;
+JointSet chain_of(Joint joint) {
+  JointSet set;
   for (; joint != Joint::kPelvis; joint = canonical_anatomy()[index(joint)].parent) {
     set.set(index(joint));
   }
@@ -67,19 +67,19 @@ constexpr std::array<Names, 4> kLimbNames{
 std::array<PostureFeature, kPostureCount> make_features() {
   std::array<PostureFeature, kPostureCount> table;
   std::size_t n = 0;
-  const auto own_mirror = [&](std::string_view name, Criterion criterion, Joints own, Joints chain,
-                              double sign) {
+  const auto own_mirror = [&](std::string_view name, Criterion criterion, JointSet own,
+                              JointSet chain, double sign) {
     table[n] = {name, criterion, {own, {}}, chain, n, sign};
     ++n;
   };
-  const Joints left_leg = set_of({Joint::kLeftHip, Joint::kLeftKnee});
-  const Joints right_leg = set_of({Joint::kRightHip, Joint::kRightKnee});
+  const JointSet left_leg = set_of({Joint::kLeftHip, Joint::kLeftKnee});
+  const JointSet right_leg = set_of({Joint::kRightHip, Joint::kRightKnee});
   own_mirror("depth", Criterion::kDepth, left_leg,
              chain_of(Joint::kLeftKnee) | chain_of(Joint::kRightKnee), 1.0);
   table[kDepthFeature].own[1] = right_leg;
-  const Joints pelvis = set_of({Joint::kPelvis});
-  const Joints spine = set_of({Joint::kSpineLower, Joint::kSpineMiddle, Joint::kSpineUpper});
-  const Joints head = set_of({Joint::kNeck, Joint::kHead});
+  const JointSet pelvis = set_of({Joint::kPelvis});
+  const JointSet spine = set_of({Joint::kSpineLower, Joint::kSpineMiddle, Joint::kSpineUpper});
+  const JointSet head = set_of({Joint::kNeck, Joint::kHead});
   own_mirror("pelvis_forward", Criterion::kTrunk, pelvis, pelvis, 1.0);
   own_mirror("pelvis_left", Criterion::kTrunk, pelvis, pelvis, -1.0);
   own_mirror("trunk_forward", Criterion::kTrunk, spine, chain_of(Joint::kSpineUpper), 1.0);
@@ -89,7 +89,7 @@ std::array<PostureFeature, kPostureCount> make_features() {
   for (std::size_t l = 0; l < kLimbs.size(); ++l) {
     const Limb& limb = kLimbs[l];
     const std::size_t directions = limb.up ? 3 : 2;
-    const Joints left = set_of({limb.left}), right = set_of({limb.right});
+    const JointSet left = set_of({limb.left}), right = set_of({limb.right});
     for (std::size_t d = 0; d < directions; ++d) {
       const double sign = d == 1 ? -1.0 : 1.0;
       table[n] = {kLimbNames[l][0][d], limb.criterion, {left, {}},
@@ -116,7 +116,7 @@ bool known(const Pose& pose, std::size_t j) noexcept {
          pose.q_PB[j].coeffs().allFinite();
 }
 
-// Variance of what `count` experts show, pooled with the prior. Equation 3.
+// Variance of what `count` experts show, pooled with the prior. Equation 4.
 double pooled(double square_sum, double count, double prior, double least) {
   const double freedom = std::max(0.0, count - 1.0);
   const double variance = (kPriorExperts * prior * prior + square_sum) / (kPriorExperts + freedom);
@@ -128,7 +128,7 @@ Posture prior_spread(const std::array<double, kJointCount>& tolerance) {
   for (std::size_t f = 0; f < kPostureCount; ++f) {
     const PostureFeature& feature = posture_features()[f];
     double square = 0.0;
-    for (const Joints& side : feature.own) {
+    for (const JointSet& side : feature.own) {
       double least = std::numeric_limits<double>::infinity();
       for (std::size_t j = 0; j < kJointCount; ++j) {
         if (side[j]) least = std::min(least, 0.5 * tolerance[j]);
@@ -150,10 +150,10 @@ const std::array<PostureFeature, kPostureCount>& posture_features() noexcept {
   return table;
 }
 
-Posture posture_of(const Pose& pose, const Joints& needed) noexcept {
+Posture posture_of(const Pose& pose, const JointSet& needed) noexcept {
   std::array<Eigen::Vector3d, kJointCount> up;  // each segment's own z in the heading's frame
   std::array<Eigen::Quaterniond, kJointCount> q_HB;
-  Joints missing;
+  JointSet missing;
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const bool have = known(pose, j);
     if (!have && needed[j]) missing.set(j);
@@ -202,12 +202,12 @@ Posture posture_of(const Pose& pose, const Joints& needed) noexcept {
   return out;
 }
 
-Joints measured_joints(const Motion& motion) {
+JointSet measured_joints(const Motion& motion) {
   std::array<std::size_t, kJointCount> seen{};
   for (const Pose& pose : motion.poses) {
     for (std::size_t j = 0; j < kJointCount; ++j) seen[j] += known(pose, j) ? 1 : 0;
   }
-  Joints joints;
+  JointSet joints;
   for (std::size_t j = 0; j < kJointCount; ++j) joints[j] = 2 * seen[j] >= motion.poses.size();
   return joints;
 }

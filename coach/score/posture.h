@@ -24,15 +24,16 @@ using Posture = std::array<double, kPostureCount>;
 enum class Criterion : std::uint8_t { kDepth, kTrunk, kHead, kLegs, kArms, kSymmetry };
 inline constexpr std::size_t kCriterionCount = 6;
 
-using Joints = std::bitset<kJointCount>;
+/// Some of the joints.
+using JointSet = std::bitset<kJointCount>;
 
 struct PostureFeature {
   std::string_view name;  ///< e.g. "left_thigh_forward"
   Criterion criterion{};
-  std::array<Joints, 2> own;   ///< what it shows; the second is the other side, empty for none
-  Joints chain;                ///< every joint that it depends on
-  std::size_t mirrored = 0;    ///< the feature that it becomes in a mirror,
-  double mirrored_sign = 1.0;  ///< times this
+  std::array<JointSet, 2> own;  ///< what it shows; the second is the other side, empty for none
+  JointSet chain;               ///< every joint that it depends on
+  std::size_t mirrored = 0;     ///< the feature that it becomes in a mirror,
+  double mirrored_sign = 1.0;   ///< times this
 };
 
 const std::array<PostureFeature, kPostureCount>& posture_features() noexcept;
@@ -40,14 +41,14 @@ const std::array<PostureFeature, kPostureCount>& posture_features() noexcept;
 /// The features of a canonical pose.
 /// @param needed  joints without which a feature is NaN; another joint that the pose does not have
 ///                (confidence 0, or not finite) counts as straight
-Posture posture_of(const Pose& pose, const Joints& needed) noexcept;
+Posture posture_of(const Pose& pose, const JointSet& needed) noexcept;
 
 /// Joints with confidence above 0 in at least half of a motion's poses.
-Joints measured_joints(const Motion& motion);
+JointSet measured_joints(const Motion& motion);
 
 /// Several experts' posture along their mean motion, and how much they differ.
 struct PostureModel {
-  Joints needed;                           ///< joints that the experts show
+  JointSet needed;                         ///< joints that the experts show
   std::vector<Posture> mean;               ///< by frame of the mean motion
   std::vector<Posture> spread;             ///< standard deviation of the experts from it
   std::vector<Posture> spread_from_start;  ///< the same of what changed since the start

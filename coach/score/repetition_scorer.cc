@@ -16,7 +16,7 @@ constexpr double kWorstSpreads = 5.0;
 // Less of the reference than this is no repetition.
 constexpr double kLeastCovered = 0.5;
 
-// Equation 2.
+// Equation 3.
 double cost(double deviation, double spread) noexcept {
   return std::clamp((std::fabs(deviation) / spread - kFreeSpreads) / (kWorstSpreads - kFreeSpreads),
                     0.0, 1.0);
@@ -43,8 +43,8 @@ PostureScorer::PostureScorer(const Reference& reference)
     throw std::invalid_argument("repetition scorer: the reference's posture is another motion's");
   }
   for (std::size_t f = 0; f < kPostureCount; ++f) {
-    for (const Joints& side : posture_features()[f].own) {
-      const Joints shown = side & model_.needed;
+    for (const JointSet& side : posture_features()[f].own) {
+      const JointSet shown = side & model_.needed;
       if (side.any() && shown.none()) {  // nothing to compare with
         weight_[f] = 0.0;
         break;

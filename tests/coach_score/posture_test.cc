@@ -13,7 +13,7 @@ namespace secondskin::coach {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-const Joints kAll = Joints().set();
+const JointSet kAll = JointSet().set();
 
 std::size_t feature(std::string_view name) {
   for (std::size_t f = 0; f < kPostureCount; ++f) {
@@ -98,7 +98,7 @@ TEST(Posture, IsUnknownWhereAJointOfTheChainIsNotMeasured) {
   EXPECT_TRUE(std::isnan(posture[feature("forearms_left")]));
   EXPECT_FALSE(std::isnan(posture[feature("right_forearm_left")]));
   // A joint that the expert does not have either counts as straight.
-  Joints needed = kAll;
+  JointSet needed = kAll;
   needed.reset(index(Joint::kLeftShoulder));
   posture = posture_of(pose, needed);
   EXPECT_FALSE(std::isnan(posture[feature("left_forearm_left")]));
@@ -114,7 +114,7 @@ Motion flexed(double degrees) {
   return motion;
 }
 
-// docs/scoring.md, equation 3: four of prior with half of the 10 degrees, n - 1 of the experts'.
+// docs/scoring.md, equation 4: four of prior with half of the 10 degrees, n - 1 of the experts'.
 TEST(PostureModel, PoolsTheExpertsSpreadWithTheTolerance) {
   const Reference one = make_reference("one", flexed(10.0));
   const std::size_t f = feature("left_thigh_forward");
