@@ -81,7 +81,8 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
   const bool following =
       !paused_ && (out.alignment.phase == Phase::kMoving || out.alignment.phase == Phase::kPaused);
   if (!paused_) {
-    out.repetition = scorer_.update(pose.stamp_ns, out.alignment, out.error, mapper_.cues_given());
+    out.repetition =
+        scorer_.update(pose.stamp_ns, pose.pose, out.alignment, out.error, mapper_.cues_given());
   }
 
   if (following && solver_->idle() &&
