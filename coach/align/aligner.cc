@@ -196,7 +196,10 @@ struct Aligner::State {
       }
       if (done > 0.0) {  // a short part left out, or done so differently that it was not recognised
         const double most_left_out = between_alike && fits_now() ? kShallowProgress : kSkipProgress;
-        if (done < most_left_out * measure.whole()) covered += done;
+        if (done < most_left_out * measure.whole()) {
+          covered += done;
+          if (done > kSkipProgress * measure.whole()) shallow = true;
+        }
       } else if (estimate.position >= static_cast<double>(measure.start_zone)) {
         covered = std::min(covered, measure.path_at(estimate.position));
         furthest = std::min(furthest, measure.path_at(estimate.position));
@@ -338,7 +341,8 @@ struct Aligner::State {
   // Enough of the path, the way the expert goes or near him.
   bool counts() const noexcept {
     return covered > kWholeProgress * measure.whole() && walked > kLeastDone * measure.whole() &&
-           !is_another() && (alike() || fit_sum <= kMeanFit * measure.lost_square * fit_path);
+           !is_another() &&
+           (alike() || (!shallow && fit_sum <= kMeanFit * measure.lost_square * fit_path));
   }
   bool alike() const noexcept { return attempt.value().least > kAttemptAlike; }
   bool is_another() const noexcept {
@@ -372,6 +376,7 @@ struct Aligner::State {
       repetition = finished;  // an attempt that was given up is none
       attempt_fit.clear();
       attempt.clear();
+      shallow = false;
     }
     if (!attempting()) {
       another = false;
@@ -442,7 +447,7 @@ struct Aligner::State {
     filter.start(measure.start_zone);
     posture.clear();
     agreement = resting = 0.0;
-    passing = false;
+    passing = shallow = false;
     home = first;
     forget();
     has_last = false;
@@ -478,6 +483,7 @@ struct Aligner::State {
   double agreement = 0.0;                         // with the expert's way, of late: a correlation
   std::array<JointFeature, kJointCount> first{};  // the expert's first pose
   std::array<JointFeature, kJointCount> last_pose{};
+  bool shallow = false;                          // in this attempt: not as far as the expert
   bool passing = false;                          // on to the next repetition without a break
   std::array<JointFeature, kJointCount> home{};  // the learner's own start pose
 
