@@ -28,7 +28,7 @@ Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const Coac
       solver_(&solver),
       last_pose_(kJointCount) {
   problem_.learner = Pose(kJointCount);
-
+  problem_.askable = mapper_.served();  // what cannot be told is not asked
   tolerance_scale_ = settings.tolerance_scale;
   set_tolerance(0.0);
 }

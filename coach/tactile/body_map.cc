@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <numbers>
 
-#include "coach/tactile/toml_table.h"
+#include "motion/toml_fields.h"
 
 namespace secondskin::coach {
 namespace {
@@ -23,7 +23,7 @@ bool upright_at_rest(Joint joint) {
   }
 }
 
-Tactor read_tactor(const FieldReader& in) {
+Tactor read_tactor(const TomlFields& in) {
   in.allow({"channel", "segment", "along", "angle_deg", "actuator", "threshold", "ceiling",
             "acceleration"});
   Tactor tactor;
@@ -66,8 +66,8 @@ double default_acceleration(wire::Actuator actuator) noexcept {
 }
 
 BodyMap BodyMap::load(const std::filesystem::path& file) {
-  const toml::table table = read_toml(file);
-  const FieldReader in(file, table);
+  const toml::table table = parse_toml(file);
+  const TomlFields in(file, table);
   in.allow({"name", "cue", "tactor"});
   BodyMap map;
   map.name = in.text("name", "a name");
@@ -76,8 +76,7 @@ BodyMap BodyMap::load(const std::filesystem::path& file) {
   if (cue != "repulsive" && cue != "attractive") in.fail("cue", kCues);
   map.repulsive = cue == "repulsive";
 
-  for_each_table(file, table, "tactor", [&](const toml::table& entry) {
-    const FieldReader fields(file, entry);
+  in.each("tactor", [&](const TomlFields& fields) {
     const Tactor tactor = read_tactor(fields);
     for (const Tactor& other : map.tactors) {
       if (other.channel == tactor.channel) {
@@ -86,7 +85,6 @@ BodyMap BodyMap::load(const std::filesystem::path& file) {
     }
     map.tactors.push_back(tactor);
   });
-  if (map.tactors.empty()) in.fail("tactor", "one to sixteen [[tactor]] tables");
   return map;
 }
 

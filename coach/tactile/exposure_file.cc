@@ -4,8 +4,8 @@
 #include <numbers>
 #include <vector>
 
-#include "coach/tactile/toml_table.h"
-#include "coach/tactile/whole_file.h"
+#include "motion/toml_fields.h"
+#include "motion/whole_file.h"
 
 namespace secondskin::coach {
 namespace {
@@ -35,13 +35,12 @@ struct Day {
 Day read(const std::filesystem::path& file, const std::string& today) {
   Day day;
   if (!std::filesystem::exists(file)) return day;
-  const toml::table table = read_toml(file);
-  const FieldReader in(file, table);
+  const toml::table table = parse_toml(file);
+  const TomlFields in(file, table);
   in.allow({"day", "stamp_ns", "site"});
   if (in.text("day", "a date in quotes") != today) return day;
   day.stamp_ns = static_cast<std::int64_t>(in.whole("stamp_ns", 0, INT64_MAX));
-  for_each_table(file, table, "site", [&](const toml::table& entry) {
-    const FieldReader fields(file, entry);
+  in.each("site", [&](const TomlFields& fields) {
     fields.allow({"segment", "along", "angle_deg", "dose", "duty", "heat"});
     Skin skin;
     constexpr std::string_view kSegment = "a canonical segment";

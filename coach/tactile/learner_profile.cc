@@ -1,9 +1,11 @@
 #include "coach/tactile/learner_profile.h"
 
+#include <fmt/ostream.h>
+
 #include <numeric>
 
-#include "coach/tactile/toml_table.h"
-#include "coach/tactile/whole_file.h"
+#include "motion/toml_fields.h"
+#include "motion/whole_file.h"
 
 namespace secondskin::coach {
 namespace {
@@ -26,13 +28,12 @@ double confusion(const SiteProfile& a, const SiteProfile& b) noexcept {
 }
 
 LearnerProfile LearnerProfile::load(const std::filesystem::path& file) {
-  const toml::table table = read_toml(file);
-  const FieldReader in(file, table);
+  const toml::table table = parse_toml(file);
+  const TomlFields in(file, table);
   in.allow({"body_map", "site"});
   LearnerProfile profile;
   profile.body_map = in.text("body_map", "the name of the body map that was calibrated");
-  for_each_table(file, table, "site", [&](const toml::table& entry) {
-    const FieldReader fields(file, entry);
+  in.each("site", [&](const TomlFields& fields) {
     fields.allow({"channel", "threshold", "ceiling", "named"});
     SiteProfile site;
     site.channel = fields.whole("channel", 0, wire::kTactorCount - 1);
@@ -42,7 +43,7 @@ LearnerProfile LearnerProfile::load(const std::filesystem::path& file) {
     site.threshold = fields.number("threshold", 0.0, 1.0);
     site.ceiling = fields.number("ceiling", 0.0, 1.0);
     constexpr std::string_view kCounts = "sixteen counts, one for each channel";
-    const toml::array* named = entry["named"].as_array();
+    const toml::array* named = fields.table()["named"].as_array();
     if (named == nullptr || named->size() != site.named.size()) fields.fail("named", kCounts);
     for (std::size_t c = 0; c < site.named.size(); ++c) {
       const auto count = (*named)[c].value_exact<std::int64_t>();
@@ -51,7 +52,6 @@ LearnerProfile LearnerProfile::load(const std::filesystem::path& file) {
     }
     profile.sites.push_back(site);
   });
-  if (profile.sites.empty()) in.fail("site", "[[site]] tables");
   return profile;
 }
 

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "coach/tactile/toml_table.h"
 #include "motion/rotation.h"
+#include "motion/toml_fields.h"
 
 namespace secondskin::coach {
 namespace {
@@ -53,19 +53,19 @@ Eigen::Vector3d gradient(const JointLimit& limit, const Eigen::Quaterniond& q_PB
 }  // namespace
 
 SafeRange SafeRange::load(const std::filesystem::path& file) {
-  const toml::table table = read_toml(file);
-  const FieldReader in(file, table);
+  const toml::table table = parse_toml(file);
+  const TomlFields in(file, table);
   in.allow({"limits_deg"});
   const toml::table* joints = table["limits_deg"].as_table();
   constexpr std::string_view kTables = "tables [limits_deg.JOINT]";
   if (joints == nullptr || joints->empty()) in.fail("limits_deg", kTables);
-  const FieldReader joints_in(file, *joints);
+  const TomlFields joints_in(file, *joints);
   SafeRange range;
   for (const auto& [key, node] : *joints) {
     const auto joint = find_joint(key.str());
     if (!joint) joints_in.fail(key.str(), "a canonical joint, such as \"left_knee\"");
     if (node.as_table() == nullptr) joints_in.fail(key.str(), kTables);
-    const FieldReader movements(file, *node.as_table());
+    const TomlFields movements(file, *node.as_table());
     movements.allow({kMovementNames[0], kMovementNames[1], kMovementNames[2]});
     for (std::size_t m = 0; m < kMovementNames.size(); ++m) {
       if (!movements.has(kMovementNames[m])) continue;

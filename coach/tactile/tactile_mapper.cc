@@ -273,6 +273,12 @@ double TactileMapper::tells(Joint joint, const Eigen::Vector3d& target) const no
   return at->fit * std::hypot(target.x(), target.y()) / size;
 }
 
+JointSet TactileMapper::served() const noexcept {
+  JointSet joints;
+  for (std::size_t j = 0; j < kJointCount; ++j) joints[j] = sites_[j].worn;
+  return joints;
+}
+
 bool TactileMapper::rests(std::size_t joint, const Place& place, bool alarm) const noexcept {
   const Site& site = sites_[joint];
   if (place.rotation) {

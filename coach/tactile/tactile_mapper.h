@@ -60,6 +60,8 @@ class TactileMapper {
   /// How well the map can say this target to this joint, all sites being rested: the cosine between
   /// the rotation that is asked and the one that the cue says; 0 if it says nothing.
   double tells(Joint joint, const Eigen::Vector3d& target) const noexcept;
+  /// The joints that some tactor serves.
+  JointSet served() const noexcept;
 
   std::span<const Cue> cues() const noexcept { return {cues_.data(), cue_count_}; }
   /// Onsets so far: of all, and by joint. The same joint at another place is another cue.

@@ -215,6 +215,14 @@ TEST(TactileMapper, CuesNoRotationWithoutARing) {
   EXPECT_TRUE(is_off(Scene().ask(Joint::kLeftShoulder, degrees(0, 0, 40)).show(slow)));
 }
 
+TEST(TactileMapper, ServesExactlyTheJointsOfLimbsThatWearTactors) {
+  const TactileMapper mapper(shipped("right_arm"));
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    const bool right_arm = j >= index(Joint::kRightClavicle) && j <= index(Joint::kRightWrist);
+    EXPECT_EQ(mapper.served()[j], right_arm) << joint_name(static_cast<Joint>(j));
+  }
+}
+
 TEST(TactileMapper, CuesAJointWhereItsLimbWearsTactors) {
   const BodyMap map = shipped("full_body");
   struct Case {
