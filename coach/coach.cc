@@ -28,7 +28,6 @@ Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const Coac
       solver_(&solver),
       last_pose_(kJointCount) {
   problem_.learner = Pose(kJointCount);
-  problem_.askable = mapper_.served();  // what cannot be told is not asked
   tolerance_scale_ = settings.tolerance_scale;
   set_tolerance(0.0);
 }
@@ -92,8 +91,10 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
     problem_.velocity = velocity_;
     problem_.reference_time = alignment_.reference_time;
     problem_.tempo = alignment_.tempo;
-    // Where nothing is cued the correction is still published for whoever looks on.
-    problem_.askable = feedback_.joints.any() ? feedback_.joints : JointSet().set();
+    // What cannot be told is not asked. Where nothing is cued the correction is still published for
+    // whoever looks on.
+    problem_.askable = mapper_.served();
+    if (feedback_.joints.any()) problem_.askable &= feedback_.joints;
     last_posed_ns_ = pose.stamp_ns;
     to_pose_ = true;
   }
