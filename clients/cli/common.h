@@ -160,6 +160,7 @@ void add_calibrate(CLI::App& app);
 void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
+void add_study(CLI::App& app);
 void add_doctor(CLI::App& app);
 
 }  // namespace secondskin::cli

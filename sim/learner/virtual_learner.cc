@@ -55,6 +55,9 @@ VirtualLearner::VirtualLearner(Lesson lesson, const LearnerParameters& parameter
       quarter = possible(j, p_.bias_of_quarter * normal_vector(body_random_));
     }
     tremor_phase_[j] = turn(body_random_);
+    if (lesson_.weight[j] > 0.0) continue;
+    bias_[j].setZero();
+    for (auto& quarter : bias_of_quarter_[j]) quarter.setZero();
   }
 }
 

@@ -21,10 +21,12 @@ namespace secondskin::sim {
 
 /// What the person knows beforehand.
 struct Lesson {
-  const Motion* reference = nullptr;         ///< canonical; outlives the learner
-  std::array<double, kJointCount> weight{};  ///< how much is known to matter, 0 to 1
-  std::vector<WornTactor> tactors;           ///< told
-  bool repulsive = true;                     ///< told: move away from vibration, or towards it
+  const Motion* reference = nullptr;  ///< canonical; outlives the learner
+  /// How much a joint is known to matter, 0 to 1; 0: it is no part of what is to be learnt, and
+  /// there is no wrong idea of it.
+  std::array<double, kJointCount> weight{};
+  std::vector<WornTactor> tactors;  ///< told
+  bool repulsive = true;            ///< told: move away from vibration, or towards it
 };
 
 class VirtualLearner {
