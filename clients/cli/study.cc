@@ -123,7 +123,9 @@ Benefit benefit(const std::vector<Curve>& control, const std::vector<Curve>& gro
   return result;
 }
 
+// A ratio to something that may be nothing has no interval worth the name.
 std::string percent(const Interval& i) {
+  if (i.low < -10.0 || i.high > 10.0) return "not determined";
   return fmt::format("{:+.1f} % [{:+.1f}, {:+.1f}]", 100 * i.estimate, 100 * i.low, 100 * i.high);
 }
 
@@ -174,6 +176,7 @@ std::vector<Variation> variations(const Protocol& usual) {
     vary(fmt::format("misread cues {:.0f} %", 100 * misread),
          [&](Protocol& p) { p.learner.misread = misread; });
   }
+  vary("reckons with own corrections", [&](Protocol& p) { p.learner.predicts = true; });
   for (const double scale : {0.2, 1.0}) {
     vary(fmt::format("tolerance x {:g}", scale),
          [&](Protocol& p) { p.settings.tolerance_scale = scale; });

@@ -73,6 +73,10 @@ struct LearnerParameters {
   /// Time constant of a correction's movement, and of the drift back to what is usual [s]. (N)
   double movement_time = 0.1;
   double drift_time = 1.0;
+  /// Whether corrections that were begun since something was felt or seen are taken off what it
+  /// seemed to need (a Smith predictor: Miall et al. 1993, J. Mot. Behav. 25:203). Added after the
+  /// first study, whose learner had none, and off: docs/study.md has both.
+  bool predicts = false;
 
   // ---- learning
   /// Retention and learning rate of a repetition, fast and slow: Smith, Ghazizadeh & Shadmehr 2006,

@@ -73,13 +73,17 @@ std::optional<FeltCue> TactileSense::understand(const Segment& segment, double f
   for (std::size_t i = 1; i < felt.size(); ++i) {
     const Contact &before = felt[i - 1], &next = felt[i];
     if (before.tactor == next.tactor) continue;
-    if (next.begin < before.end) together = true;
+    // An actuator that dies away while the next one starts is not felt with it.
+    const double overlap = std::min(before.end, next.end) - next.begin;
+    const double shorter = std::min(before.end - before.begin, next.end - next.begin);
+    if (overlap > 0.5 * shorter) together = true;
     if (before.end - before.begin > kTap || next.end - next.begin > kTap) continue;
     const double step = wrapped(tactors_[next.tactor].angle - tactors_[before.tactor].angle);
     if (std::abs(step) < 0.75 * std::numbers::pi) hops += step > 0.0 ? 1 : -1;
   }
   FeltCue cue;
   cue.segment = segment.joint;
+  cue.felt = from;
   cue.rotation = !together && hops != 0;
   cue.positive = hops > 0;
   // Energy, as two tactors are felt as one: Israr & Poupyrev 2011.

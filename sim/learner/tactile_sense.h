@@ -26,6 +26,7 @@ struct FeltCue {
   double angle = 0.0;     ///< where it was felt around the segment [rad]; of a swing
   bool positive = false;  ///< of a rotation: it ran from front to left to back
   double strength = 0.0;  ///< 0 to 1
+  double felt = 0.0;      ///< since when, of what it was understood from [s]
 };
 
 class TactileSense {

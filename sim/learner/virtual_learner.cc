@@ -13,6 +13,7 @@ namespace {
 constexpr double kReady = 0.6, kHold = 0.4, kReturn = 0.8;
 // Less of a movement that is asked for cannot be done: it is left.
 constexpr double kLeastPossible = 0.5;
+constexpr double kRemembered = 2.0;  // of one's own corrections [s]
 
 Eigen::Vector3d normal_vector(std::mt19937_64& random) {
   std::normal_distribution<double> normal;
@@ -103,7 +104,22 @@ void VirtualLearner::feel(double time, const std::array<double, wire::kTactorCou
   sense_.feel(time, amplitude);
 }
 
-void VirtualLearner::correct(std::size_t joint, const Eigen::Vector3d& by) { aim_[joint] += by; }
+void VirtualLearner::correct(std::size_t joint, const Eigen::Vector3d& by) {
+  aim_[joint] += by;
+  while (!begun_.empty() && begun_.front().time < time_ - kRemembered) begun_.pop_front();
+  begun_.push_back({time_, joint, by});
+}
+
+Eigen::Vector3d VirtualLearner::left_of(const Eigen::Vector3d& needed, std::size_t joint,
+                                        double showed) const noexcept {
+  if (!p_.predicts || needed.isZero()) return needed;
+  const Eigen::Vector3d way = needed.normalized();
+  double left = needed.norm();
+  for (const Correction& correction : begun_) {
+    if (correction.joint == joint && correction.time > showed) left -= correction.by.dot(way);
+  }
+  return std::max(0.0, left) * way;
+}
 
 // A person who was told: this site is on this side of this limb; move it away from there.
 void VirtualLearner::act(const FeltCue& cue) {
@@ -133,7 +149,7 @@ void VirtualLearner::act(const FeltCue& cue) {
   // What the movement needs as it was meant is what is still missing and what was corrected
   // already.
   if (part_ == Part::kMove) memory_.note(j, share(), needed + under_way_[j], true);
-  correct(j, p_.share * needed);
+  correct(j, p_.share * left_of(needed, j, cue.felt));
 }
 
 void VirtualLearner::look(double time) {
@@ -148,10 +164,11 @@ void VirtualLearner::look(double time) {
     Eigen::Vector3d needed = possible(j, -(offset(j, share()) + noise_[j]) + noise);
     if (needed.norm() < p_.visual_dead_zone) needed.setZero();
     memory_.note(j, share(), needed.isZero() ? under_way_[j] : needed + under_way_[j], false);
-    if (!needed.isZero()) seen_.push_back({time + p_.visual_delay, j, needed});
+    if (!needed.isZero()) seen_.push_back({time + p_.visual_delay, time, j, needed});
   }
   while (!seen_.empty() && time >= seen_.front().due) {
-    correct(seen_.front().joint, p_.share * seen_.front().needed);
+    const Sight& sight = seen_.front();
+    correct(sight.joint, p_.share * left_of(sight.needed, sight.joint, sight.seen));
     seen_.pop_front();
   }
 }

@@ -54,14 +54,22 @@ class VirtualLearner {
  private:
   enum class Part { kReady, kMove, kHold, kReturn };
   struct Sight {
-    double due;
+    double due, seen;
     std::size_t joint;
     Eigen::Vector3d needed;
+  };
+  struct Correction {
+    double time;
+    std::size_t joint;
+    Eigen::Vector3d by;
   };
 
   void act(const FeltCue& cue);
   void look(double time);
   void correct(std::size_t joint, const Eigen::Vector3d& by);
+  /// What is left of a need that showed at a time, after what was begun since.
+  Eigen::Vector3d left_of(const Eigen::Vector3d& needed, std::size_t joint,
+                          double showed) const noexcept;
   void go_on(double dt);
   double share() const noexcept;
   /// The share of a rotation that the joint can do.
@@ -79,6 +87,7 @@ class VirtualLearner {
   std::array<Eigen::Vector3d, kJointCount> noise_, aim_, under_way_;
   std::array<double, kJointCount> tremor_phase_{};
   std::deque<Sight> seen_;
+  std::deque<Correction> begun_;  ///< of the last seconds
   double next_glance_ = 0.0;
   bool sees_ = true;
 

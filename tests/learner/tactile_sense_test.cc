@@ -141,6 +141,35 @@ TEST(TactileSense, TellsTheDirectionOfSaltationAtEveryIntensityThatTheCoachUses)
   }
 }
 
+TEST(TactileSense, ATurnThatFollowsASteadyTactorAtOnceIsATurn) {
+  TactileSense sense(arm(), perfect(), 1);
+  wire::BoardPatterns patterns;
+  std::vector<wire::ActuatorResponse> actuators(wire::kTactorCount,
+                                                wire::ActuatorResponse(wire::Actuator::kVoiceCoil));
+  std::size_t turns = 0;
+  for (double time = 0.0; time < 3.0; time += kStep) {
+    // One coil dies away within 5 ms while the first tap begins beside it.
+    patterns.apply({wire::continuous_slot(2), static_cast<std::uint8_t>(time < 1.0 ? 200 : 0)},
+                   time);
+    patterns.apply(
+        {wire::saltation_slot(0, false), static_cast<std::uint8_t>(time < 1.0 ? 0 : 200)}, time);
+    Amplitude level{};
+    patterns.drive(time, level);
+    for (std::size_t t = 0; t < level.size(); ++t) level[t] = actuators[t].step(level[t], kStep);
+    sense.feel(time, level);
+    for (const FeltCue& cue : sense.react(time)) {
+      // Some of what is acted upon was felt across the change.
+      if (time < 1.0 + 0.38) {
+        EXPECT_FALSE(cue.rotation) << time;
+      } else if (time > 1.0 + 0.38 + 0.25) {
+        EXPECT_TRUE(cue.rotation) << time;
+        ++turns;
+      }
+    }
+  }
+  EXPECT_GT(turns, 3u);
+}
+
 TEST(TactileSense, MissesAndMisreadsAsOftenAsItsParametersSay) {
   LearnerParameters p = perfect();
   p.missed = 0.3;
