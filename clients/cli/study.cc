@@ -202,10 +202,10 @@ void print_groups(const Groups& groups, const Protocol& protocol, std::size_t co
 }
 
 void print_benefits(const std::vector<std::pair<std::string, Benefit>>& rows) {
-  fmt::print("\n{:<26}{:<26}{:<26}{:<28}{}\n", "better than visual by", "while practising",
+  fmt::print("\n{:<34}{:<26}{:<26}{:<28}{}\n", "better than visual by", "while practising",
              "in its last third", "learning rate", "retention");
   for (const auto& [name, b] : rows) {
-    fmt::print("{:<26}{:<26}{:<26}{:<28}{}\n", name, percent(b.performing), percent(b.steady),
+    fmt::print("{:<34}{:<26}{:<26}{:<28}{}\n", name, percent(b.performing), percent(b.steady),
                percent(b.learning), percent(b.retention));
   }
 }
@@ -280,7 +280,7 @@ void run_study(const StudyOptions& options) {
   print_groups(groups, protocol, 3);
   rows.insert(rows.end(), of_place.begin(), of_place.end());
   print_benefits(rows);
-  fmt::print("{:<26}{:<26}{:<26}{:<28}\n", "TIKL, 40 people, up to", "+27 %", "+27 %",
+  fmt::print("{:<34}{:<26}{:<26}{:<28}\n", "TIKL, 40 people, up to", "+27 %", "+27 %",
              "+23 % (report: +21 %)");
   if (!sensitivity.empty()) {
     fmt::print("\nvisual + tactile, if one thing were different:");

@@ -10,6 +10,7 @@ namespace {
 constexpr double kSilence = 0.15;    // longer than any pause within a pattern of the board [s]
 constexpr double kListening = 0.25;  // what is understood is what was felt for so long [s]
 constexpr double kTap = 0.12;        // what lasts longer is no tap [s]
+constexpr double kShortest = 0.001;  // that a contact counts for [s]
 constexpr double kRemembered = 2.0;  // [s]
 
 double wrapped(double angle) noexcept { return std::remainder(angle, 2.0 * std::numbers::pi); }
@@ -86,20 +87,27 @@ std::optional<FeltCue> TactileSense::understand(const Segment& segment, double f
   cue.felt = from;
   cue.rotation = !together && hops != 0;
   cue.positive = hops > 0;
-  // Energy, as two tactors are felt as one: Israr & Poupyrev 2011.
-  double x = 0.0, y = 0.0, energy = 0.0, strongest = 0.0;
+  // Energy, as two tactors are felt as one: Israr & Poupyrev 2011. Over time, so that the beginning
+  // of the next cue does not outweigh this one.
+  double x = 0.0, y = 0.0, most = 0.0, strongest = 0.0, amplitudes = 0.0;
   for (std::size_t t = 0; t < tactors_.size(); ++t) {
-    double peak = 0.0;
+    double peak = 0.0, energy = 0.0;
     for (const Contact& contact : felt) {
-      if (contact.tactor == t) peak = std::max(peak, contact.peak);
+      if (contact.tactor != t) continue;
+      const double lasted = std::min(contact.end, to) - std::max(contact.begin, from);
+      peak = std::max(peak, contact.peak);
+      energy += contact.peak * contact.peak * std::max(lasted, kShortest);
     }
-    x += peak * peak * std::cos(tactors_[t].angle);
-    y += peak * peak * std::sin(tactors_[t].angle);
-    energy += peak * peak;
-    strongest = std::max(strongest, peak);
+    x += energy * std::cos(tactors_[t].angle);
+    y += energy * std::sin(tactors_[t].angle);
+    amplitudes += peak * peak;
+    if (energy > most) {
+      most = energy;
+      strongest = peak;
+    }
   }
   cue.angle = std::atan2(y, x);
-  cue.strength = together ? std::min(1.0, std::sqrt(energy)) : strongest;
+  cue.strength = together ? std::min(1.0, std::sqrt(amplitudes)) : strongest;
   return cue;
 }
 

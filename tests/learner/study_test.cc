@@ -1,10 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <cstdio>
+#include <random>
 
 #include "clients/study/experiment.h"
 #include "clients/study/processes.h"
 #include "clients/study/statistics.h"
+#include "coach/correct/simulated_source.h"
 #include "tests/coach_align/trials.h"
 
 // People in the study's groups, through the whole chain; and its arithmetic.
@@ -48,6 +51,59 @@ TEST(Experiment, WithTrueCuesThatAreAlwaysReadTheErrorFalls) {
     EXPECT_NEAR(mean(seeing.error, 1, 6), seeing.error[0], 1.0 * kDegree);
     EXPECT_GE(cued.counted, protocol.repetitions() - 2) << "the coach counts what was done";
   }
+}
+
+// Root mean square of the error of each movement of the joints that matter, while the coach sees
+// the learner move [deg].
+double error_of_movements(const std::string& reference_name, const Motion& learner) {
+  const auto reference = coach::shipped(reference_name);
+  coach::NoSource none;
+  coach::Coach coach(reference, blind().map, {}, none);
+  coach::CoachOutput out;
+  double square = 0.0;
+  std::size_t count = 0;
+  std::uint64_t frame = 0;
+  for (const Pose& pose : learner.poses) {
+    ++frame;
+    coach.step({frame, coach::stamp(static_cast<double>(frame) / learner.rate_hz), pose}, out);
+    if (out.alignment.phase != coach::Phase::kMoving) continue;
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      const JointAnatomy& anatomy = canonical_anatomy()[j];
+      for (std::size_t m = 0; m < 3; ++m) {
+        if (reference->weight[j] < 0.3 || anatomy.range[m].max <= anatomy.range[m].min) continue;
+        square += std::pow(out.error[j].dot(anatomy.axis[m]), 2.0);
+        ++count;
+      }
+    }
+  }
+  return std::sqrt(square / static_cast<double>(count)) / kDegree;
+}
+
+TEST(Experiment, PeopleErrAsMuchAsTheRealLearnersThatComeWithTheReferences) {
+  double least = 1e9, most = 0.0;
+  for (const char* name : {"deep_squat", "sit_to_stand", "shoulder_abduction", "low_block",
+                           "knife_hand_block", "stepping_punch"}) {
+    const double error = error_of_movements(name, coach::shipped_learner(name));
+    std::printf("%s: %.1f deg\n", name, error);
+    least = std::min(least, error);
+    most = std::max(most, error);
+  }
+  const auto reference = coach::shipped("shoulder_abduction");
+  double sum = 0.0;
+  constexpr int kPeople = 10;
+  for (std::uint64_t seed = 1; seed <= kPeople; ++seed) {
+    sim::Lesson lesson;
+    lesson.reference = &reference->motion;
+    lesson.weight = reference->weight;
+    sim::VirtualLearner person(lesson, {}, seed);
+    person.see(false);
+    Motion motion{reference->motion.skeleton, 60.0, {}};
+    for (int i = 0; i < 600; ++i) motion.poses.push_back(person.move(i / 60.0));
+    sum += error_of_movements("shoulder_abduction", motion);
+  }
+  std::printf("virtual learners: %.1f deg\n", sum / kPeople);
+  EXPECT_GT(sum / kPeople, least);
+  EXPECT_LT(sum / kPeople, most);
 }
 
 TEST(Experiment, IsTheSameEveryTime) {

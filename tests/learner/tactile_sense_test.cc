@@ -170,6 +170,23 @@ TEST(TactileSense, ATurnThatFollowsASteadyTactorAtOnceIsATurn) {
   EXPECT_GT(turns, 3u);
 }
 
+TEST(TactileSense, TheBeginningOfTheNextCueDoesNotOutweighTheOneBefore) {
+  TactileSense sense(arm(), perfect(), 1);
+  std::vector<FeltCue> cues;
+  for (double time = 0.0; time < 2.0; time += kStep) {
+    Amplitude level{};
+    // Faint at the back for 0.2 s, then a strong tap in front.
+    if (time >= 1.0 && time < 1.2) level[2] = 0.3;
+    if (time >= 1.2 && time < 1.235) level[0] = 0.4;
+    sense.feel(time, level);
+    for (const FeltCue& cue : sense.react(time)) cues.push_back(cue);
+  }
+  ASSERT_FALSE(cues.empty());
+  EXPECT_FALSE(cues[0].rotation);
+  EXPECT_NEAR(std::abs(wrapped(cues[0].angle)), std::numbers::pi, 1e-9);
+  EXPECT_NEAR(cues[0].strength, 0.3, 1e-9);
+}
+
 TEST(TactileSense, MissesAndMisreadsAsOftenAsItsParametersSay) {
   LearnerParameters p = perfect();
   p.missed = 0.3;
