@@ -5,6 +5,7 @@
 
 #include "coach/align/aligner.h"
 #include "coach/correct/solver_thread.h"
+#include "coach/plan/feedback_schedule.h"
 #include "coach/score/repetition_scorer.h"
 #include "coach/tactile/tactile_mapper.h"
 
@@ -69,6 +70,13 @@ class Coach {
   /// emergency stop is in force).
   void mute(bool muted) noexcept { muted_ = muted; }
 
+  /// What may be cued from the next step on; everything at first. Neither following nor scoring
+  /// nor the safe range's alarm is touched.
+  void feedback(Feedback feedback) { feedback_ = std::move(feedback); }
+
+  /// A resting coach follows, scores and corrects nothing; the safe range is watched.
+  void rest(bool resting) noexcept { resting_ = resting; }
+
   /// Ends the repetition under way, if enough of it was done.
   std::optional<RepetitionScore> finish() noexcept { return scorer_.finish(); }
 
@@ -86,6 +94,8 @@ class Coach {
  private:
   void estimate_velocity(const StampedPose& pose) noexcept;
   void set_tolerance(double reference_time) noexcept;
+  wire::BoardState cue(std::int64_t stamp_ns, bool following, const JointVectors& error,
+                       const SafeRangeAlarm* alarm) noexcept;
 
   std::shared_ptr<const Reference> reference_;
   double tolerance_scale_ = 1.0;
@@ -95,8 +105,10 @@ class Coach {
   TactileMapper mapper_;
   RepetitionScorer scorer_;
   CorrectionSource* solver_;
-  CorrectionProblem problem_;  ///< reused, so that posing one allocates nothing
+  CorrectionProblem problem_;    ///< reused, so that posing one allocates nothing
+  AlignmentEstimate alignment_;  ///< the last one
   CorrectionResult in_use_;
+  Feedback feedback_;
   std::int64_t in_use_since_ns_ = 0;
   JointVectors velocity_ = zero_vectors();
   Pose last_pose_;
@@ -105,6 +117,7 @@ class Coach {
   std::uint64_t posed_ = 0;
   bool to_pose_ = false;
   bool paused_ = false;
+  bool resting_ = false;
   bool muted_ = false;
 };
 

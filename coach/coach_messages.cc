@@ -156,6 +156,47 @@ bool from_message(const msg::SessionState& message, BodyMap& map, TactileSetup& 
   return true;
 }
 
+void to_message(const PlanProgress& progress, msg::SessionState& message) {
+  const Block& block = progress.block();
+  message.plan(progress.plan().name);
+  message.blocks(static_cast<std::uint32_t>(progress.plan().blocks.size()));
+  message.block(static_cast<std::uint32_t>(progress.block_index()));
+  message.block_name(block.name);
+  message.block_tempo(block.tempo);
+  message.block_repetitions(static_cast<std::uint32_t>(progress.repetitions()));
+  message.block_planned(static_cast<std::uint32_t>(block.repetitions));
+  message.resting(progress.resting());
+  const Feedback& feedback = progress.feedback();
+  message.cued_joints(static_cast<std::uint32_t>(feedback.joints.to_ulong()));
+  message.cue_band(feedback.band);
+  message.yoked(feedback.yoked);
+  message.yoked_cues().clear();
+  for (const GivenCue& cue : feedback.cues) {
+    msg::YokedCue yoked;
+    set_name(index(cue.joint), yoked.joint());
+    yoked.from(cue.from);
+    yoked.to(cue.to);
+    set(cue.ask, yoked.ask());
+    message.yoked_cues().push_back(yoked);
+  }
+}
+
+Feedback feedback_of(const msg::SessionState& message) {
+  Feedback feedback;
+  feedback.joints = JointSet(message.cued_joints());
+  feedback.band = message.cue_band();
+  feedback.yoked = message.yoked();
+  for (const msg::YokedCue& yoked : message.yoked_cues()) {
+    const auto joint = find_joint(yoked.joint().to_string());
+    if (!joint) continue;
+    feedback.cues.push_back({.from = yoked.from(),
+                             .to = yoked.to(),
+                             .joint = *joint,
+                             .ask = {yoked.ask().x(), yoked.ask().y(), yoked.ask().z()}});
+  }
+  return feedback;
+}
+
 Phase phase_of(msg::AlignmentPhase phase) noexcept { return static_cast<Phase>(phase); }
 
 SolverStatus status_of(msg::SolverStatus status) noexcept {

@@ -273,6 +273,18 @@ coach::BodyMap Library::load_body_map(const std::string& name_or_path) const {
   return coach::BodyMap::load(find_file("body map", "body_maps", name_or_path));
 }
 
+coach::SessionPlan Library::load_plan(const std::string& name_or_path) const {
+  if (name_or_path.empty()) return coach::SessionPlan::open();
+  return coach::SessionPlan::load(
+      find_file("session plan", "plans", name_or_path),
+      [this](const fs::path& session) { return recorder::recorded_cues(session, for_replay()); });
+}
+
+recorder::ReplayLibrary Library::for_replay() const {
+  return {.reference = [this](const std::string& name) { return load_reference(name); },
+          .body_map = [this](const std::string& name) { return load_body_map(name); }};
+}
+
 StopOnSignal::StopOnSignal() {
   sigset_t signals;
   sigemptyset(&signals);
@@ -307,6 +319,21 @@ StopOnSignal::~StopOnSignal() {
 std::string default_recording_name(const std::string& reference) {
   const std::time_t now = std::time(nullptr);
   return fmt::format("recordings/{:%Y-%m-%d_%H-%M-%S}_{}.mcap", fmt::localtime(now), reference);
+}
+
+void add_plan_option(CLI::App& command, std::string& plan) {
+  command.add_option("--plan", plan,
+                     "the session's blocks and when they are cued: name under plans/ or .toml file "
+                     "(default: always cued, without end)");
+}
+
+void print_blocks(const coach::CoachSummary& summary) {
+  for (const auto& block : summary.blocks) {
+    const auto mean = coach::mean_total(block, summary.repetitions);
+    fmt::print("  block '{}' (tempo {:g}): {} repetitions, {}, {} cues\n", block.name, block.tempo,
+               block.repetitions, mean ? fmt::format("mean score {:.1f}", *mean) : "no score",
+               block.cues);
+  }
 }
 
 double deg(double radians) { return radians * 180.0 / std::numbers::pi; }

@@ -494,9 +494,7 @@ void replay_command(CLI::App& app) {
       return;
     }
     const Library library;
-    const auto result = recorder::replay_coach(
-        options->file, {[&](const std::string& name) { return library.load_reference(name); },
-                        [&](const std::string& name) { return library.load_body_map(name); }});
+    const auto result = recorder::replay_coach(options->file, library.for_replay());
     if (options->json) {
       fmt::print("{}\n", json{{"sessions", result.sessions},
                               {"frames", result.frames},

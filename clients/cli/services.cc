@@ -68,6 +68,7 @@ void coach(CLI::App& app) {
     std::string body_map = "full_body";
     coach::CoachSettings settings;
     TactileOptions tactile;
+    std::string plan;
     bool wait = false;
   };
   auto options = std::make_shared<Options>();
@@ -91,6 +92,7 @@ void coach(CLI::App& app) {
                    "times the reference's tolerances")
       ->check(CLI::Range(0.1, 10.0))
       ->capture_default_str();
+  add_plan_option(*command, options->plan);
   command->add_flag("--wait", options->wait, "begin only when a session command says so");
   add_tactile_options(*command, options->tactile);
   add_bus_options(*command, options->bus);
@@ -106,6 +108,7 @@ void coach(CLI::App& app) {
       service_options.references.push_back(library.load_reference(options->reference));
     }
     service_options.body_map = library.load_body_map(options->body_map);
+    service_options.plan = library.load_plan(options->plan);
     service_options.settings = options->settings;
     service_options.tactile = options->tactile.prepare(service_options.body_map);
     const coach::BodyMap body_map = service_options.body_map;
@@ -117,6 +120,7 @@ void coach(CLI::App& app) {
     fmt::print("coach: {} frames, {} lost, {} repetitions, {} cues, {} corrections\n",
                summary.frames, summary.lost, summary.repetitions.size(), summary.cues,
                summary.corrections);
+    if (!options->plan.empty()) print_blocks(summary);
   });
 }
 
