@@ -650,6 +650,7 @@ void Bench::repetitions() {
       Reference r = shipped;
       r.motion = motion;
       r.band.clear();
+      r.posture = {};
       return std::make_shared<const Reference>(std::move(r));
     };
     Metrics one, others, oltw;

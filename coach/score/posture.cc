@@ -299,6 +299,30 @@ PostureModel posture_model(const Motion& mean, std::span<const Motion> experts,
   return model;
 }
 
+PostureModel stretched(const PostureModel& model, std::size_t frames) {
+  PostureModel result = model;
+  if (model.empty()) return result;
+  const auto stretch = [frames](const std::vector<Posture>& from) {
+    std::vector<Posture> to(frames);
+    const auto last = static_cast<double>(from.size() - 1);
+    for (std::size_t i = 0; i < frames; ++i) {
+      const double at =
+          frames == 1 ? 0.0 : last * static_cast<double>(i) / static_cast<double>(frames - 1);
+      const auto before = static_cast<std::size_t>(at);
+      const std::size_t after = std::min(before + 1, from.size() - 1);
+      const double u = at - static_cast<double>(before);
+      for (std::size_t f = 0; f < kPostureCount; ++f) {
+        to[i][f] = (1.0 - u) * from[before][f] + u * from[after][f];
+      }
+    }
+    return to;
+  };
+  result.mean = stretch(model.mean);
+  result.spread = stretch(model.spread);
+  result.spread_from_start = stretch(model.spread_from_start);
+  return result;
+}
+
 PostureModel mirrored(const PostureModel& model) {
   PostureModel result = model;
   for (std::size_t j = 0; j < kJointCount; ++j) {

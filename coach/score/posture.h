@@ -73,6 +73,9 @@ PostureModel posture_model(const Motion& mean, std::span<const Motion> experts,
                            const std::array<double, kJointCount>& weight,
                            const std::array<double, kJointCount>& tolerance);
 
+/// The same along a motion of so many frames (at least one) that is done faster or slower.
+PostureModel stretched(const PostureModel& model, std::size_t frames);
+
 /// Left and right exchanged.
 PostureModel mirrored(const PostureModel& model);
 
