@@ -377,7 +377,9 @@ Follow aligner_for(const std::shared_ptr<const Reference>& reference) {
 
 Follow oltw_for(const Motion& reference, std::size_t most_frames) {
   const auto oltw = std::make_shared<OnlineTimeWarping>(reference, most_frames);
-  return [oltw](std::int64_t, const Pose& pose) { return Answer{oltw->update(pose), Phase::kMoving}; };
+  return [oltw](std::int64_t, const Pose& pose) {
+    return Answer{oltw->update(pose), Phase::kMoving};
+  };
 }
 
 nlohmann::json report(const std::string& method, const std::string& condition, const Metrics& m) {
@@ -421,44 +423,43 @@ std::string number(const nlohmann::json& r, const char* field, int decimals) {
 }
 
 void print_warp(const nlohmann::json& r) {
-  fmt::print("{:<8} {:<21} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>7} {:>6} {:>6} "
-             "{:>5} {:>6} {:>6}\n",
-             r["method"].get<std::string>(), r["condition"].get<std::string>(),
-             number(r, "median_ms", 1), number(r, "mean_ms", 1), number(r, "p95_ms", 1),
-             number(r, "within_50_ms", 1), number(r, "within_100_ms", 1),
-             number(r, "within_250_ms", 1), number(r, "within_500_ms", 1), number(r, "lost", 1),
-             number(r, "coverage", 1), number(r, "recovery_p95_ms", 0),
-             number(r, "still_p95_ms", 0), number(r, "still_pose_p95_deg", 1),
-             r["leaps"].get<std::size_t>(), number(r, "cost_p50_us", 1),
-             number(r, "cost_p99_us", 1));
+  fmt::print(
+      "{:<8} {:<21} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>7} {:>6} {:>6} "
+      "{:>5} {:>6} {:>6}\n",
+      r["method"].get<std::string>(), r["condition"].get<std::string>(), number(r, "median_ms", 1),
+      number(r, "mean_ms", 1), number(r, "p95_ms", 1), number(r, "within_50_ms", 1),
+      number(r, "within_100_ms", 1), number(r, "within_250_ms", 1), number(r, "within_500_ms", 1),
+      number(r, "lost", 1), number(r, "coverage", 1), number(r, "recovery_p95_ms", 0),
+      number(r, "still_p95_ms", 0), number(r, "still_pose_p95_deg", 1),
+      r["leaps"].get<std::size_t>(), number(r, "cost_p50_us", 1), number(r, "cost_p99_us", 1));
 }
 
 void print_warp_header() {
-  fmt::print("{:<8} {:<21} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>7} {:>6} {:>6} "
-             "{:>5} {:>6} {:>6}\n",
-             "method", "condition", "median", "mean", "p95 ms", "<50", "<100", "<250", "<500%",
-             "lost", "cover", "recov95", "still", "pose", "leaps", "p50 us", "p99 us");
+  fmt::print(
+      "{:<8} {:<21} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>7} {:>6} {:>6} "
+      "{:>5} {:>6} {:>6}\n",
+      "method", "condition", "median", "mean", "p95 ms", "<50", "<100", "<250", "<500%", "lost",
+      "cover", "recov95", "still", "pose", "leaps", "p50 us", "p99 us");
 }
 
 void print_performance(const nlohmann::json& r) {
-  fmt::print("{:<14} {:<24} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>5} {:>8} "
-             "{:>6} {:>6} {:>6}\n",
-             r["method"].get<std::string>(), r["condition"].get<std::string>(),
-             number(r, "median_ms", 1), number(r, "mean_ms", 1), number(r, "p95_ms", 0),
-             number(r, "within_50_ms", 1), number(r, "within_100_ms", 1),
-             number(r, "within_250_ms", 1), number(r, "within_500_ms", 1), number(r, "lost", 1),
-             number(r, "coverage", 1), r["leaps"].get<std::size_t>(),
-             fmt::format("{}/{}", r["peaks_followed"].get<std::size_t>(),
-                         r["peaks"].get<std::size_t>()),
-             number(r, "peak_median_ms", 1), number(r, "peak_p95_ms", 0),
-             number(r, "cost_p99_us", 1));
+  fmt::print(
+      "{:<14} {:<24} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>5} {:>8} "
+      "{:>6} {:>6} {:>6}\n",
+      r["method"].get<std::string>(), r["condition"].get<std::string>(), number(r, "median_ms", 1),
+      number(r, "mean_ms", 1), number(r, "p95_ms", 0), number(r, "within_50_ms", 1),
+      number(r, "within_100_ms", 1), number(r, "within_250_ms", 1), number(r, "within_500_ms", 1),
+      number(r, "lost", 1), number(r, "coverage", 1), r["leaps"].get<std::size_t>(),
+      fmt::format("{}/{}", r["peaks_followed"].get<std::size_t>(), r["peaks"].get<std::size_t>()),
+      number(r, "peak_median_ms", 1), number(r, "peak_p95_ms", 0), number(r, "cost_p99_us", 1));
 }
 
 void print_performance_header() {
-  fmt::print("{:<14} {:<24} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>5} {:>8} "
-             "{:>6} {:>6} {:>6}\n",
-             "method", "reference <- learner", "median", "mean", "p95 ms", "<50", "<100", "<250",
-             "<500%", "lost", "cover", "leaps", "peaks", "median", "p95 ms", "p99 us");
+  fmt::print(
+      "{:<14} {:<24} {:>6} {:>5} {:>6} {:>6} {:>6} {:>6} {:>6} {:>5} {:>6} {:>5} {:>8} "
+      "{:>6} {:>6} {:>6}\n",
+      "method", "reference <- learner", "median", "mean", "p95 ms", "<50", "<100", "<250", "<500%",
+      "lost", "cover", "leaps", "peaks", "median", "p95 ms", "p99 us");
 }
 
 // ---- the recordings ----------------------------------------------------------------------------
@@ -475,7 +476,9 @@ const std::vector<Recording>& karate() {
       {"low_block", "135_05_gedanbarai.bvh", {{1.1, 2.8}, {4.7, 6.6}, {8.8, 10.4}, {12.1, 13.9}}},
       {"roundhouse_kick", "135_07_mawashigeri.bvh", {{1.0, 3.7}, {6.4, 9.4}}},
       {"stepping_punch", "135_09_oiduki.bvh", {{2.5, 4.4}, {6.3, 8.2}, {10.9, 12.6}, {14.2, 15.8}}},
-      {"knife_hand_block", "135_10_syutouuke.bvh", {{1.9, 3.4}, {4.9, 6.4}, {8.0, 9.8}, {11.4, 12.9}}}};
+      {"knife_hand_block",
+       "135_10_syutouuke.bvh",
+       {{1.9, 3.4}, {4.9, 6.4}, {8.0, 9.8}, {11.4, 12.9}}}};
   return recordings;
 }
 
@@ -515,7 +518,9 @@ Peak peak_near(const Motion& motion, double noted, std::optional<Joint> end) {
 }
 
 Motion cut(const Motion& motion, double from, double to) {
-  const auto frame = [&](double t) { return static_cast<std::size_t>(std::lround(t * motion.rate_hz)); };
+  const auto frame = [&](double t) {
+    return static_cast<std::size_t>(std::lround(t * motion.rate_hz));
+  };
   return slice(motion, frame(from), std::min(frame(to) + 1, motion.poses.size()));
 }
 
@@ -645,6 +650,7 @@ void Bench::repetitions() {
       Reference r = shipped;
       r.motion = motion;
       r.band.clear();
+      r.posture = {};
       return std::make_shared<const Reference>(std::move(r));
     };
     Metrics one, others, oltw;
@@ -657,8 +663,7 @@ void Bench::repetitions() {
         rest.push_back(performances[i].motion);
         const auto expert = with(performances[i].motion);
         for (Metrics* m : {&one, &every_one}) {
-          run_performance(*expert, performances[i].peaks, performances[j], *m,
-                          aligner_for(expert));
+          run_performance(*expert, performances[i].peaks, performances[j], *m, aligner_for(expert));
         }
         if (!baseline) continue;
         for (Metrics* m : {&oltw, &every_oltw}) {
@@ -668,8 +673,7 @@ void Bench::repetitions() {
       }
       if (rest.size() < 2) continue;
       // Where the mean has its peaks: the first expert's, carried over.
-      const auto mean =
-          with(average_experts(rest, shipped.weight, kReferenceRate).motion);
+      const auto mean = with(average_experts(rest, shipped.weight, kReferenceRate).motion);
       const auto path = warp_onto(performances[first].motion, mean->motion, shipped.weight);
       std::vector<double> peaks;
       for (const double t : performances[first].peaks) {
@@ -844,7 +848,8 @@ void Bench::counts() {
 
 int main(int argc, char** argv) {
   namespace fs = std::filesystem;
-  CLI::App app{"Alignment: known time warps, other repetitions, other people, counts, and its cost"};
+  CLI::App app{
+      "Alignment: known time warps, other repetitions, other people, counts, and its cost"};
   Bench bench;
   bench.repository = SECONDSKIN_SOURCE_DIR;
   bench.data = bench.repository / ".." / "shared" / "data";

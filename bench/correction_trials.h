@@ -157,6 +157,7 @@ inline TrialSet karate_trials(const std::filesystem::path& cmu,
       Reference expert = model;
       expert.motion = repetitions[e];
       expert.band.clear();
+      expert.posture = {};
       const auto reference = std::make_shared<const Reference>(std::move(expert));
       for (std::size_t l = 0; l < repetitions.size(); ++l) {
         if (l == e || (l + e) % 2 != 0) continue;  // left and right in turn

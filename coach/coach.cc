@@ -80,7 +80,8 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
   const bool following =
       active && (alignment_.phase == Phase::kMoving || alignment_.phase == Phase::kPaused);
   if (active) {
-    out.repetition = scorer_.update(pose.stamp_ns, alignment_, out.error, mapper_.cues_given());
+    out.repetition =
+        scorer_.update(pose.stamp_ns, pose.pose, alignment_, out.error, mapper_.cues_given());
   }
 
   if (following && solver_->idle() &&

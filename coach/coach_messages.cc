@@ -1,11 +1,14 @@
 #include "coach/coach_messages.h"
 
 #include <cmath>
+#include <limits>
 
 namespace secondskin::coach {
 namespace {
 
 namespace msg = bus::msg;
+
+constexpr double kUnknown = std::numeric_limits<double>::quiet_NaN();
 
 void set_header(const StampedPose& pose, msg::SampleHeader& header) {
   header.frame(pose.frame);
@@ -74,9 +77,15 @@ void to_message(const StampedPose& pose, const RepetitionScore& score,
   for (std::size_t j = 0; j < kJointCount; ++j) {
     auto& joint = message.joints()[j];
     set_name(j, joint.joint());
-    joint.rms(score.joints[j].rms);
-    joint.peak(score.joints[j].peak);
-    joint.in_band(score.joints[j].in_band);
+    const JointScore& from = score.joints[j];
+    joint.measured(from.measured);
+    joint.rms(from.rms);
+    joint.peak(from.peak);
+    joint.in_band(from.in_band);
+    joint.timing_error(from.timing_error.value_or(kUnknown));
+    joint.smoothness(from.smoothness.value_or(kUnknown));
+    joint.range(from.range);
+    joint.reference_range(from.reference_range);
   }
 }
 

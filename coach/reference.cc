@@ -116,7 +116,10 @@ Motion clip(const Motion& motion, double start, double end) {
 
 // A reference before its experts have been averaged.
 struct Ingredients {
-  Reference frame{.name = {}, .description = {}, .origin = {}, .licence = {},
+  Reference frame{.name = {},
+                  .description = {},
+                  .origin = {},
+                  .licence = {},
                   .motion = {canonical_skeleton(), kReferenceRate, {}}};
   std::vector<Motion> performances;
   std::array<double, kJointCount> widest{};  // [rad]
@@ -129,6 +132,8 @@ Reference cook(Ingredients&& from) {
   ExpertAverage average = average_experts(from.performances, reference.weight, kReferenceRate);
   reference.motion = std::move(average.motion);
   if (reference.experts > 1) {
+    reference.posture =
+        posture_model(reference.motion, from.performances, reference.weight, reference.tolerance);
     reference.band = std::move(average.spread);
     for (auto& frame : reference.band) {
       for (std::size_t j = 0; j < kJointCount; ++j) {
@@ -181,8 +186,8 @@ Ingredients read_ingredients(const std::filesystem::path& folder_or_file,
   }
   const Description description(toml_file);
   description.known(description.table(), "",
-                    {"name", "description", "origin", "licence", "standing", "mirrored", "weights",
-                     "tolerances_deg", "widest_tolerances_deg", "clip"});
+                    {"name", "description", "origin", "licence", "standing", "mirrored",
+                     "either_side", "weights", "tolerances_deg", "widest_tolerances_deg", "clip"});
 
   std::vector<Motion> performances{read_canonical(motion_file, joint_maps)};
   if (const toml::table* table = description.section("clip")) {
@@ -217,6 +222,7 @@ Ingredients read_ingredients(const std::filesystem::path& folder_or_file,
   frame.origin = description.text("origin");
   frame.licence = description.text("licence");
   frame.standing = description.flag("standing");
+  frame.either_side = description.flag("either_side");
   result.mirrored = description.flag("mirrored");
   description.by_joint("weights", 0.0, 1.0, 1.0, frame.weight);
   description.by_joint("tolerances_deg", 0.1, 180.0, kDegree, frame.tolerance);
@@ -237,8 +243,7 @@ Ingredients read_ingredients(const std::filesystem::path& folder_or_file,
 
 double Reference::tolerance_at(double time, std::size_t joint) const noexcept {
   if (band.empty()) return tolerance[joint];
-  const double at =
-      std::clamp(time * motion.rate_hz, 0.0, static_cast<double>(band.size() - 1));
+  const double at = std::clamp(time * motion.rate_hz, 0.0, static_cast<double>(band.size() - 1));
   const auto before = static_cast<std::size_t>(at);
   const std::size_t after = std::min(before + 1, band.size() - 1);
   const double u = at - static_cast<double>(before);
@@ -297,6 +302,7 @@ Reference mirrored(const Reference& reference) {
   result.weight = exchange(reference.weight);
   result.tolerance = exchange(reference.tolerance);
   for (auto& frame : result.band) frame = exchange(frame);
+  result.posture = mirrored(reference.posture);
   return result;
 }
 

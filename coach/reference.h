@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "coach/score/posture.h"
 #include "motion/anatomy.h"
 #include "motion/motion.h"
 #include "motion/retarget.h"
@@ -28,8 +29,12 @@ struct Reference {
   /// The dead band by frame of the motion, where several experts showed how free it is [rad]; empty
   /// for a single expert. Never below `tolerance`.
   std::vector<std::array<double, kJointCount>> band{};
-  bool standing = false;    ///< both feet stay on the floor: balance matters
-  std::size_t experts = 1;  ///< performances that the motion is the mean of
+  /// The experts' posture along `motion` and how much they differ; empty for a single expert, for
+  /// whom the tolerances say how free it is. Whoever replaces `motion` clears it, and `band`.
+  PostureModel posture{};
+  bool either_side = false;  ///< done as in a mirror it is as good
+  bool standing = false;     ///< both feet stay on the floor: balance matters
+  std::size_t experts = 1;   ///< performances that the motion is the mean of
 
   /// A joint's dead band at a time [s], held at both ends [rad].
   double tolerance_at(double time, std::size_t joint) const noexcept;
@@ -49,9 +54,9 @@ inline constexpr double kBandSpreads = 2.0;
 /// folder are more performances of the same motion: the reference is their mean, and their spread
 /// widens the tolerance.
 ///
-/// motion.toml: name, description, origin, licence (strings); standing, mirrored (bool); [weights],
-/// [tolerances_deg] and [widest_tolerances_deg] by canonical joint name, with "default" for the
-/// rest; [clip] start, end [s] of motion.bvh.
+/// motion.toml: name, description, origin, licence (strings); standing, mirrored, either_side
+/// (bool); [weights], [tolerances_deg] and [widest_tolerances_deg] by canonical joint name, with
+/// "default" for the rest; [clip] start, end [s] of motion.bvh.
 /// @throws std::runtime_error naming file, line, field and what was expected.
 Reference load_reference(const std::filesystem::path& folder_or_file,
                          const std::filesystem::path& joint_maps);

@@ -55,7 +55,8 @@ Track track_of(const Motion& motion) {
   Track track{std::vector<std::array<Eigen::Quaterniond, kJointCount>>(motion.poses.size()),
               std::vector<std::array<Eigen::Vector3d, kJointCount>>(motion.poses.size())};
   for (std::ptrdiff_t i = 0; i < n; ++i) {
-    const auto& before = motion.poses[static_cast<std::size_t>(std::max<std::ptrdiff_t>(i - step, 0))];
+    const auto& before =
+        motion.poses[static_cast<std::size_t>(std::max<std::ptrdiff_t>(i - step, 0))];
     const auto& after =
         motion.poses[static_cast<std::size_t>(std::min<std::ptrdiff_t>(i + step, n - 1))];
     const double seconds = 2.0 * static_cast<double>(step) / motion.rate_hz;
@@ -81,8 +82,8 @@ double distance_square(const Motion& a, const Track& ta, std::size_t i, const Mo
       sum += weight[j] * (up_in(ta.q[i][j]) - up_in(tb.q[k][j])).squaredNorm();
     } else {
       const double angle = geodesic_distance(ta.q[i][j], tb.q[k][j]);
-      sum += weight[j] * (angle * angle + kVelocityTime * kVelocityTime *
-                                              (ta.v[i][j] - tb.v[k][j]).squaredNorm());
+      sum += weight[j] * (angle * angle +
+                          kVelocityTime * kVelocityTime * (ta.v[i][j] - tb.v[k][j]).squaredNorm());
     }
   }
   return weights > 0.0 ? sum / weights : 0.0;
@@ -120,9 +121,9 @@ void average(std::span<const Pose> poses, Pose& mean, std::array<double, kJointC
     if (j == kRoot) mean.q_PB[j] = facing_as(q.front(), mean.q_PB[j]);
     if (q.size() < 2) continue;
     for (const auto& each : q) {
-      const double angle = j == kRoot ? std::acos(std::clamp(up_in(each).dot(up_in(mean.q_PB[j])),
-                                                             -1.0, 1.0))
-                                      : geodesic_distance(each, mean.q_PB[j]);
+      const double angle =
+          j == kRoot ? std::acos(std::clamp(up_in(each).dot(up_in(mean.q_PB[j])), -1.0, 1.0))
+                     : geodesic_distance(each, mean.q_PB[j]);
       spread[j] += angle * angle;
     }
     spread[j] = std::sqrt(spread[j] / static_cast<double>(q.size() - 1));
@@ -220,9 +221,9 @@ ExpertAverage average_experts(std::span<const Motion> experts,
   std::vector<std::array<double, kJointCount>> spread(length);
   for (std::size_t k = 0; k < length; ++k) {
     const auto t = static_cast<double>(k);
-    const auto after = static_cast<std::size_t>(std::clamp<std::ptrdiff_t>(
-        std::lower_bound(when.begin(), when.end(), t) - when.begin(), 1,
-        static_cast<std::ptrdiff_t>(n) - 1));
+    const auto after = static_cast<std::size_t>(
+        std::clamp<std::ptrdiff_t>(std::lower_bound(when.begin(), when.end(), t) - when.begin(), 1,
+                                   static_cast<std::ptrdiff_t>(n) - 1));
     const double from = when[after - 1], to = when[after];
     const double u = to > from ? std::clamp((t - from) / (to - from), 0.0, 1.0) : 0.0;
     interpolate(result.motion.poses[after - 1], result.motion.poses[after], u, timed.poses[k]);

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <array>
-#include <bitset>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -22,9 +21,6 @@ inline JointVectors zero_vectors() noexcept {
   for (Eigen::Vector3d& v : zero) v.setZero();
   return zero;
 }
-
-/// Some of the joints.
-using JointSet = std::bitset<kJointCount>;
 
 struct CorrectionProblem {
   std::uint64_t frame = 0;  ///< the sample it is posed from

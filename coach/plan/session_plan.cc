@@ -133,6 +133,7 @@ std::shared_ptr<const Reference> at_tempo(std::shared_ptr<const Reference> refer
   Motion stretched = reference->motion;
   stretched.rate_hz *= tempo;
   slowed->motion = resample(stretched, reference->motion.rate_hz);
+  slowed->posture = coach::stretched(reference->posture, slowed->motion.poses.size());
   if (!reference->band.empty()) {
     slowed->band.resize(slowed->motion.poses.size());
     for (std::size_t i = 0; i < slowed->band.size(); ++i) {

@@ -141,14 +141,24 @@ TEST(SessionPlan, EveryShippedPlanIsValidAndEndsWithoutCues) {
   EXPECT_GE(found, 3u);
 }
 
-TEST(AtTempo, KeepsEveryPoseAndBandAtItsNewTime) {
+TEST(AtTempo, KeepsEveryPoseBandAndPostureAtItsNewTime) {
   const auto reference = shipped("deep_squat");
   ASSERT_FALSE(reference->band.empty());
   for (const double tempo : {0.25, 0.5, 0.75, 1.5}) {
     const auto slowed = at_tempo(reference, tempo);
     EXPECT_EQ(slowed->motion.rate_hz, reference->motion.rate_hz);
     EXPECT_NEAR(slowed->motion.duration(), reference->motion.duration() / tempo, 1.0 / 60.0);
-    EXPECT_EQ(slowed->band.size(), slowed->motion.poses.size());
+    const std::size_t frames = slowed->motion.poses.size();
+    EXPECT_EQ(slowed->band.size(), frames);
+    ASSERT_EQ(slowed->posture.mean.size(), frames);
+    ASSERT_EQ(slowed->posture.spread.size(), frames);
+    ASSERT_EQ(slowed->posture.spread_from_start.size(), frames);
+    for (std::size_t f = 0; f < kPostureCount; ++f) {
+      EXPECT_DOUBLE_EQ(slowed->posture.mean.front()[f], reference->posture.mean.front()[f]);
+      EXPECT_DOUBLE_EQ(slowed->posture.mean.back()[f], reference->posture.mean.back()[f]);
+      EXPECT_NEAR(slowed->posture.mean[frames / 2][f],
+                  reference->posture.mean[reference->posture.mean.size() / 2][f], 3.0 * kDegree);
+    }
     Pose there(kJointCount), here(kJointCount);
     for (double time = 0.0; time < reference->motion.duration(); time += 0.013) {
       sample(reference->motion, time, there);
