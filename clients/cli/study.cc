@@ -233,7 +233,7 @@ void run_study(const StudyOptions& options) {
     rows.emplace_back(kGroups[g],
                       benefit(groups.error[0], groups.error[g], protocol, options.seed));
     of_place.emplace_back(
-        fmt::format("{}, place of hand", kGroups[g]),
+        fmt::format("{}, places", kGroups[g]),
         benefit(groups.place_error[0], groups.place_error[g], protocol, options.seed));
   }
   if (options.sensitivity) {
@@ -256,11 +256,13 @@ void run_study(const StudyOptions& options) {
              {"tolerance_scale", protocol.settings.tolerance_scale},
              {"max_cues", protocol.settings.max_cues}};
     for (std::size_t g = 0; g < 3; ++g) {
-      json curve = json::array();
+      json curve = json::array(), places = json::array();
       for (std::size_t n = 0; n < protocol.repetitions(); ++n) {
         curve.push_back(mean_deg(groups.error[g], {n, n + 1}));
+        places.push_back(mean_deg(groups.place_error[g], {n, n + 1}) / deg(1.0));
       }
       out["groups"][kGroups[g]] = {{"error_deg", curve},
+                                   {"place_error_m", places},
                                    {"cues", groups.cues[g]},
                                    {"reactions", groups.reactions[g]},
                                    {"repetitions_counted", groups.counted[g]}};
@@ -287,7 +289,8 @@ void run_study(const StudyOptions& options) {
     print_benefits(sensitivity);
   }
   fmt::print(
-      "\nIn brackets: 95 % by bootstrap over people. These are simulated people: docs/study.md\n"
+      "\nPlaces: of hands, feet and head of the limbs that are cued; else angles of their joints.\n"
+      "In brackets: 95 % by bootstrap over people. These are simulated people: docs/study.md\n"
       "says what that can tell and what not.\n");
 }
 

@@ -90,7 +90,7 @@ TEST(Experiment, PeopleErrAsMuchAsTheRealLearnersThatComeWithTheReferences) {
   }
   const auto reference = coach::shipped("shoulder_abduction");
   double sum = 0.0;
-  constexpr int kPeople = 10;
+  constexpr int kPeople = 6;
   for (std::uint64_t seed = 1; seed <= kPeople; ++seed) {
     sim::Lesson lesson;
     lesson.reference = &reference->motion;
