@@ -141,9 +141,9 @@ TEST(Learners, WhoMirrorTheExpertAreFollowedInAMirroredReferenceOnly) {
 }
 
 TEST(Learners, OfAnotherTechniqueAreLostWithinTheirMotion) {
-  for (const auto& [name, other] : {std::pair{"stepping_punch", "low_block"},
-                                    std::pair{"low_block", "stepping_punch"},
-                                    std::pair{"low_block", "knife_hand_block"}}) {
+  for (const auto& [name, other] :
+       {std::pair{"stepping_punch", "low_block"}, std::pair{"low_block", "stepping_punch"},
+        std::pair{"low_block", "knife_hand_block"}}) {
     Learner learner(shipped(name), shipped(other)->motion);
     learner.hold(0.0, 0.5);
     learner.play(0.0, shipped(other)->motion.duration());

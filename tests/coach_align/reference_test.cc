@@ -122,7 +122,8 @@ TEST_F(ReferenceFolder, MirrorsEverythingWhenAskedTo) {
 }
 
 TEST_F(ReferenceFolder, AveragesItsExpertsAndWidensTheToleranceWhereTheyDiffer) {
-  const std::string toml = "[tolerances_deg]\ndefault = 10\n[widest_tolerances_deg]\ndefault = 24\n";
+  const std::string toml =
+      "[tolerances_deg]\ndefault = 10\n[widest_tolerances_deg]\ndefault = 24\n";
   const Motion expert = load(toml).motion;
   Motion second = expert;
   for (Pose& pose : second.poses) {

@@ -28,7 +28,7 @@ struct Session {
 };
 
 Session session(const Motion& learner, const Feedback& feedback, const TactileSetup& tactile = {},
-        bool resting = false) {
+                bool resting = false) {
   const auto reference = shipped("low_block");
   const CoachSettings settings{.tolerance_scale = 0.3, .max_cues = 2};
   SimulatedSource source(reference, learner.skeleton,

@@ -81,10 +81,9 @@ TEST(CommandLine, AReferenceThatIsAddedCanBeUsedAtOnce) {
 TEST(CommandLine, EveryShippedLearnerIsScoredAsOftenAsItRepeats) {
   // Counted by eye in the recordings (docs/reference-motions.md).
   const std::map<std::string, std::size_t> repetitions{
-      {"low_block", 3},  {"roundhouse_kick", 1},  {"stepping_punch", 2},
-      {"squat", 1},      {"knife_hand_block", 3}, {"jumping_jack", 2},
-      {"wave_hello", 1}, {"deep_squat", 3},       {"sit_to_stand", 3},
-      {"shoulder_abduction", 3}};
+      {"low_block", 3},        {"roundhouse_kick", 1},   {"stepping_punch", 2}, {"squat", 1},
+      {"knife_hand_block", 3}, {"jumping_jack", 2},      {"wave_hello", 1},     {"deep_squat", 3},
+      {"sit_to_stand", 3},     {"shoulder_abduction", 3}};
   const Session session;
   for (const auto& [name, expected] : repetitions) {
     Process process = session.start(
