@@ -17,15 +17,13 @@ void write_whole_file(const std::filesystem::path& file, std::string_view bytes)
     throw std::system_error(error != 0 ? error : EIO, std::generic_category(),
                             fmt::format("cannot write {}", file.string()));
   };
-  std::error_code error;
-  if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path(), error);
-  if (error) fail(error.value(), false);
   errno = 0;
   std::ofstream out(partial, std::ios::binary | std::ios::trunc);
   if (!out) fail(errno, false);
   out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
   out.close();
   if (!out) fail(errno);
+  std::error_code error;
   std::filesystem::rename(partial, file, error);
   if (error) fail(error.value());
 }

@@ -6,7 +6,6 @@
 namespace secondskin {
 
 /// Writes a file that appears whole or not at all: beside its place as FILE.partial, then renamed.
-/// Makes its folder.
 /// @throws std::system_error naming the file when it cannot be written; nothing is left behind.
 void write_whole_file(const std::filesystem::path& file, std::string_view bytes);
 

@@ -65,6 +65,7 @@ void LearnerProfile::save(const std::filesystem::path& file) const {
     text += fmt::format("\n[[site]]\nchannel = {}\nthreshold = {}\nceiling = {}\nnamed = [{}]\n",
                         site.channel, site.threshold, site.ceiling, fmt::join(site.named, ", "));
   }
+  if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path());
   write_whole_file(file, text);
 }
 
