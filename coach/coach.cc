@@ -15,17 +15,26 @@ double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 }  // namespace
 
 Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const CoachSettings& settings,
-             CorrectionSource& solver)
+             CorrectionSource& solver, TactileSetup tactile)
     : reference_(reference),
       aligner_(reference),
-      mapper_(std::move(map), {.max_cues = settings.max_cues}),
+      safe_range_(std::move(tactile.safe_range)),
+      mapper_(std::move(map),
+              {.max_cues = settings.max_cues,
+               .duration_scaled = tactile.duration_scaled,
+               .command_lifetime = kCommandLifetime},
+              tactile.exposure),
       scorer_(reference),
       solver_(&solver),
       last_pose_(kJointCount) {
   problem_.learner = Pose(kJointCount);
+  tolerance_scale_ = settings.tolerance_scale;
+  set_tolerance(0.0);
+}
 
+void Coach::set_tolerance(double reference_time) noexcept {
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    tolerance_[j] = reference_->tolerance[j] * settings.tolerance_scale;
+    tolerance_[j] = reference_->tolerance_at(reference_time, j) * tolerance_scale_;
   }
 }
 
@@ -62,15 +71,17 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
     in_use_ = CorrectionResult{};
   }
 
-  if (!paused_) {
-    out.alignment = aligner_.update(pose.stamp_ns, pose.pose);
-    estimate_velocity(pose);
-  }
-  joint_errors(*reference_, out.alignment.reference_time, pose.pose, out.error);
+  const bool active = !paused_ && !resting_;
+  if (active) alignment_ = aligner_.update(pose.stamp_ns, pose.pose);
+  if (!paused_) estimate_velocity(pose);
+  out.alignment = alignment_;
+  joint_errors(*reference_, alignment_.reference_time, pose.pose, out.error);
+  set_tolerance(alignment_.reference_time);
   const bool following =
-      !paused_ && (out.alignment.phase == Phase::kMoving || out.alignment.phase == Phase::kPaused);
-  if (!paused_) {
-    out.repetition = scorer_.update(pose.stamp_ns, out.alignment, out.error, mapper_.cues_given());
+      active && (alignment_.phase == Phase::kMoving || alignment_.phase == Phase::kPaused);
+  if (active) {
+    out.repetition =
+        scorer_.update(pose.stamp_ns, pose.pose, alignment_, out.error, mapper_.cues_given());
   }
 
   if (following && solver_->idle() &&
@@ -79,15 +90,48 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
     problem_.stamp_ns = pose.stamp_ns;
     problem_.learner = pose.pose;
     problem_.velocity = velocity_;
-    problem_.reference_time = out.alignment.reference_time;
-    problem_.tempo = out.alignment.tempo;
+    problem_.reference_time = alignment_.reference_time;
+    problem_.tempo = alignment_.tempo;
+    // What cannot be told is not asked. Where nothing is cued the correction is still published for
+    // whoever looks on.
+    problem_.askable = mapper_.served();
+    if (feedback_.joints.any()) problem_.askable &= feedback_.joints;
     last_posed_ns_ = pose.stamp_ns;
     to_pose_ = true;
   }
 
   out.correction = in_use_;
-  const bool cue = following && !muted_ && in_use_.status != SolverStatus::kNone;
-  out.tactors = mapper_.update(pose.stamp_ns, in_use_, out.error, tolerance_, cue);
+  const SafeRangeAlarm* alarm =
+      paused_ || muted_ ? nullptr : &safe_range_.update(pose.pose, velocity_);
+  out.tactors = cue(pose.stamp_ns, following, out.error, alarm);
+}
+
+wire::BoardState Coach::cue(std::int64_t stamp_ns, bool following, const JointVectors& error,
+                            const SafeRangeAlarm* alarm) noexcept {
+  CorrectionResult wanted;
+  std::array<double, kJointCount> tolerance{};
+  if (feedback_.yoked) {
+    // As if the other one's error were the own: beyond a dead band of zero.
+    const double duration = reference_->motion.duration();
+    const double share = duration > 0.0 ? alignment_.reference_time / duration : 0.0;
+    JointVectors others = zero_vectors();
+    wanted.status = SolverStatus::kConverged;
+    for (const GivenCue& cue : feedback_.cues) {
+      if (share < cue.from || share > cue.to) continue;
+      const std::size_t j = index(cue.joint);
+      wanted.target[j] = others[j] = cue.ask;
+      wanted.benefit[j] = cue.ask.norm();
+    }
+    return mapper_.update(stamp_ns, wanted, others, tolerance, following && !muted_, alarm);
+  }
+  wanted = in_use_;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    if (!feedback_.joints[j]) wanted.target[j].setZero();
+    tolerance[j] = tolerance_[j] * feedback_.band;
+  }
+  const bool enabled =
+      following && !muted_ && feedback_.joints.any() && wanted.status != SolverStatus::kNone;
+  return mapper_.update(stamp_ns, wanted, error, tolerance, enabled, alarm);
 }
 
 void Coach::pose_problem() noexcept {
@@ -111,6 +155,7 @@ std::uint64_t fingerprint(const Reference& reference) noexcept {
   }
   mix(reference.weight.data(), reference.weight.size());
   mix(reference.tolerance.data(), reference.tolerance.size());
+  for (const auto& band : reference.band) mix(band.data(), band.size());
   return hash;
 }
 

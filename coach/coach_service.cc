@@ -33,12 +33,12 @@ struct CoachService::State {
         states(participant),
         references(participant),
         health(participant, "coach") {
+    settings = options.settings;
     for (bus::ReaderBase* reader :
          {static_cast<bus::ReaderBase*>(&skeletons), static_cast<bus::ReaderBase*>(&poses),
           static_cast<bus::ReaderBase*>(&commands), &stop.reader()}) {
       news.attach(*reader);
     }
-    out.alignment = {};
   }
 
   // ---- what happens
@@ -59,35 +59,87 @@ struct CoachService::State {
 
   // A new session: everything that remembers starts afresh.
   void start_session() {
-    end_session();
+    end_block();
     if (!body) return;  // starts when it is known who learns
     const auto& chosen = options.references.at(reference_index);
-    coach.reset();
-    solver = std::make_unique<SolverThread>(
-        chosen, *body, CorrectionOptions{.tolerance_scale = options.settings.tolerance_scale},
-        options.solve_limit);
-    coach = std::make_unique<Coach>(chosen, options.body_map, options.settings, *solver);
-    coach->mute(stop.active());
+    progress.emplace(options.plan, chosen->weight);
     ++session_number;
     session_start_ns = bus::now_ns();
     repetition_count = 0;
     phase = msg::SESSION_RUNNING;
-    state_changed = true;
     spdlog::info("session {}: reference '{}'", session_number, chosen->name);
+    start_block();
   }
 
-  void end_session() {
+  // A block begins with a coach of its own: its reference has another tempo.
+  void start_block() {
+    const Block& block = progress->block();
+    const auto reference = at_tempo(options.references.at(reference_index), block.tempo);
+    settings = options.settings;
+    settings.tolerance_scale = block.tolerance_scale.value_or(settings.tolerance_scale);
+    settings.max_cues = block.max_cues.value_or(settings.max_cues);
+    coach.reset();
+    solver = std::make_unique<SolverThread>(
+        reference, *body,
+        CorrectionOptions{.tolerance_scale = settings.tolerance_scale,
+                          .max_joints = settings.max_cues},
+        options.solve_limit);
+    coach =
+        std::make_unique<Coach>(reference, options.body_map, settings, *solver, options.tactile);
+    coach->mute(stop.active());
+    coach->pause(phase == msg::SESSION_PAUSED);
+    coach->feedback(progress->feedback());
+    coach->rest(progress->resting());
+    block_start_ns = bus::now_ns();
+    summary.blocks.push_back({block.name, block.tempo, summary.repetitions.size(), 0, 0});
+    state_changed = true;
+    if (!progress->plan().name.empty()) {
+      spdlog::info("block {} of {}: {}{}", progress->block_index() + 1,
+                   progress->plan().blocks.size(), block.name,
+                   progress->resting() ? ", after a rest" : "");
+    }
+  }
+
+  void end_block() {
     if (!coach) return;
     if (auto score = coach->finish()) publish_repetition(*score);
     count_solver();
+    options.tactile.exposure = coach->exposure();  // the skin does not begin afresh
     coach.reset();
     solver.reset();
     all_off();
   }
 
+  // What a finished repetition and the time mean for the plan. Holds from the next frame on.
+  void go_on() {
+    if (out.repetition) {
+      switch (progress->repetition(*out.repetition, pose.stamp_ns)) {
+        case PlanProgress::Step::kNone:
+          coach->feedback(progress->feedback());
+          break;
+        case PlanProgress::Step::kBlockBegins:
+          end_block();
+          start_block();
+          break;
+        case PlanProgress::Step::kEnded:
+          wanted = false;
+          end_block();
+          phase = msg::SESSION_ENDED;
+          state_changed = true;
+          if (ended) ended();
+          return;
+      }
+    }
+    if (progress->advance(pose.stamp_ns)) {
+      coach->rest(false);
+      state_changed = true;
+    }
+  }
+
   void count_solver() {
     if (coach) {
       summary.cues += coach->cues_given();
+      summary.blocks.back().cues = coach->cues_given();
       for (std::size_t j = 0; j < kJointCount; ++j) {
         summary.cues_by_joint[j] += coach->cues_by_joint()[j];
       }
@@ -106,6 +158,7 @@ struct CoachService::State {
     repetition.header().publish_ns(bus::now_ns());
     repetitions.write(repetition);
     summary.repetitions.push_back(score);
+    ++summary.blocks.back().repetitions;
     ++repetition_count;
     state_changed = true;
   }
@@ -143,7 +196,7 @@ struct CoachService::State {
       }
       case msg::SESSION_STOP:
         wanted = false;
-        end_session();
+        end_block();
         phase = msg::SESSION_ENDED;
         state_changed = true;
         return;
@@ -192,9 +245,11 @@ struct CoachService::State {
     const auto& chosen = *options.references.at(reference_index);
     message.reference(chosen.name.substr(0, 64));
     message.reference_fingerprint(fingerprint(chosen));
-    message.body_map(options.body_map.name.substr(0, 64));
-    message.tolerance_scale(options.settings.tolerance_scale);
-    message.max_cues(options.settings.max_cues);
+    to_message(options.body_map, options.tactile, message);
+    message.tolerance_scale(settings.tolerance_scale);
+    message.max_cues(settings.max_cues);
+    if (progress) to_message(*progress, message);
+    message.block_start_ns(block_start_ns);
     message.repetitions(repetition_count);
     message.header().publish_ns(bus::now_ns());
     states.write(message);
@@ -239,7 +294,8 @@ struct CoachService::State {
     }
     health.sample(static_cast<double>(command.header().publish_ns() - pose.stamp_ns) * 1e-9);
     health.confidence(out.alignment.confidence);
-    if (look) look({pose, out, coach->cues()});
+    if (look) look({pose, out, coach->cues(), coach->reference()});
+    go_on();
   }
 
   void report() {
@@ -260,6 +316,7 @@ struct CoachService::State {
 
   CoachServiceOptions options;
   std::function<void(const CoachFrame&)> look;
+  std::function<void()> ended;
 
   bus::Reader<msg::SkeletonDefinition> skeletons;
   bus::Reader<msg::SkeletonPose> poses;
@@ -286,6 +343,9 @@ struct CoachService::State {
   msg::SessionPhase phase = msg::SESSION_IDLE;
   std::uint32_t session_number = 0;
   std::int64_t session_start_ns = 0;
+  CoachSettings settings;  // the block's
+  std::optional<PlanProgress> progress;
+  std::int64_t block_start_ns = 0;
   std::uint32_t repetition_count = 0;
   std::uint64_t command_number = 0;
 
@@ -313,6 +373,16 @@ void CoachService::on_frame(std::function<void(const CoachFrame&)> look) {
   state_->look = std::move(look);
 }
 
+void CoachService::on_end(std::function<void()> ended) { state_->ended = std::move(ended); }
+
+std::optional<double> mean_total(const BlockSummary& block,
+                                 std::span<const RepetitionScore> repetitions) noexcept {
+  if (block.repetitions == 0) return std::nullopt;
+  double sum = 0.0;
+  for (const auto& score : repetitions.subspan(block.first, block.repetitions)) sum += score.total;
+  return sum / static_cast<double>(block.repetitions);
+}
+
 CoachSummary CoachService::run(std::stop_token stop) {
   auto& s = *state_;
   const std::stop_callback wake(stop, [&s] { s.news.wake(); });
@@ -326,7 +396,8 @@ CoachSummary CoachService::run(std::stop_token stop) {
     const std::int64_t due = s.health.tick(now);
     s.news.wait(std::chrono::nanoseconds(std::max<std::int64_t>(due - now, 1'000'000)));
   }
-  s.end_session();
+  s.end_block();
+  s.summary.exposure = s.options.tactile.exposure;
   s.phase = msg::SESSION_ENDED;
   s.state_changed = true;
   s.publish_state();

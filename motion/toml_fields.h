@@ -60,6 +60,8 @@ class TomlFields {
     return *value;
   }
 
+  bool has(std::string_view field) const { return table_.contains(field); }
+
   double number(std::string_view field, double low, double high) const {
     const toml::node* node = table_.get(field);
     const auto value = node != nullptr && node->is_number() ? node->value<double>() : std::nullopt;
@@ -88,6 +90,22 @@ class TomlFields {
     const auto joint = find_joint(text(field, "a canonical joint's name"));
     if (!joint) fail(field, "a canonical joint's name");
     return *joint;
+  }
+
+  /// Two numbers, the lesser first.
+  std::pair<double, double> range(std::string_view field, double low, double high) const {
+    const auto expected = fmt::format("two numbers from {} to {}, the least first", low, high);
+    const toml::array* pair = table_[field].as_array();
+    if (pair == nullptr || pair->size() != 2) fail(field, expected);
+    std::pair<double, double> ends;
+    for (std::size_t i = 0; i < 2; ++i) {
+      if (!(*pair)[i].is_number()) fail(field, expected);
+      (i == 0 ? ends.first : ends.second) = (*pair)[i].value_or(low - 1.0);
+    }
+    if (!(ends.first >= low && ends.first < ends.second && ends.second <= high)) {
+      fail(field, expected);
+    }
+    return ends;
   }
 
   /// Three numbers, each of at most `most` in size.

@@ -226,10 +226,24 @@ fs::path Library::find_reference(const std::string& name_or_path) const {
                   name_or_path, fmt::join(names, ", ")));
 }
 
+std::vector<fs::path> Library::find_references(const std::string& names_or_paths) const {
+  if (fs::exists(names_or_paths) || names_or_paths.find(kPerformances) == std::string::npos) {
+    return {find_reference(names_or_paths)};
+  }
+  std::vector<fs::path> found;
+  for (std::size_t begin = 0; begin <= names_or_paths.size();) {
+    const std::size_t end =
+        std::min(names_or_paths.find(kPerformances, begin), names_or_paths.size());
+    found.push_back(find_reference(names_or_paths.substr(begin, end - begin)));
+    begin = end + 1;
+  }
+  return found;
+}
+
 std::shared_ptr<const coach::Reference> Library::load_reference(
-    const std::string& name_or_path) const {
+    const std::string& names_or_paths) const {
   return std::make_shared<const coach::Reference>(
-      coach::load_reference(find_reference(name_or_path), joint_maps()));
+      coach::load_reference(find_references(names_or_paths), joint_maps()));
 }
 
 fs::path Library::find_file(const char* kind, const char* folder,
@@ -257,6 +271,18 @@ fs::path Library::find_calibration_object(const std::string& name_or_path) const
 
 coach::BodyMap Library::load_body_map(const std::string& name_or_path) const {
   return coach::BodyMap::load(find_file("body map", "body_maps", name_or_path));
+}
+
+coach::SessionPlan Library::load_plan(const std::string& name_or_path) const {
+  if (name_or_path.empty()) return coach::SessionPlan::open();
+  return coach::SessionPlan::load(
+      find_file("session plan", "plans", name_or_path),
+      [this](const fs::path& session) { return recorder::recorded_cues(session, for_replay()); });
+}
+
+recorder::ReplayLibrary Library::for_replay() const {
+  return {.reference = [this](const std::string& name) { return load_reference(name); },
+          .body_map = [this](const std::string& name) { return load_body_map(name); }};
 }
 
 StopOnSignal::StopOnSignal() {
@@ -293,6 +319,21 @@ StopOnSignal::~StopOnSignal() {
 std::string default_recording_name(const std::string& reference) {
   const std::time_t now = std::time(nullptr);
   return fmt::format("recordings/{:%Y-%m-%d_%H-%M-%S}_{}.mcap", fmt::localtime(now), reference);
+}
+
+void add_plan_option(CLI::App& command, std::string& plan) {
+  command.add_option("--plan", plan,
+                     "the session's blocks and when they are cued: name under plans/ or .toml file "
+                     "(default: always cued, without end)");
+}
+
+void print_blocks(const coach::CoachSummary& summary) {
+  for (const auto& block : summary.blocks) {
+    const auto mean = coach::mean_total(block, summary.repetitions);
+    fmt::print("  block '{}' (tempo {:g}): {} repetitions, {}, {} cues\n", block.name, block.tempo,
+               block.repetitions, mean ? fmt::format("mean score {:.1f}", *mean) : "no score",
+               block.cues);
+  }
 }
 
 double deg(double radians) { return radians * 180.0 / std::numbers::pi; }

@@ -10,7 +10,8 @@
 #include <vector>
 
 #include "bus/participant.h"
-#include "coach/coach.h"
+#include "clients/recorder/coach_replay.h"
+#include "coach/coach_service.h"
 #include "motion/retarget.h"
 #include "server/open_source.h"
 
@@ -53,9 +54,17 @@ class Library {
   std::vector<std::filesystem::path> references() const;
   /// By name, or a path to a folder or motion file. @throws std::runtime_error listing the names.
   std::filesystem::path find_reference(const std::string& name_or_path) const;
-  std::shared_ptr<const coach::Reference> load_reference(const std::string& name_or_path) const;
+  /// Several performances of one motion, as --reference given more than once hands them over:
+  /// names or paths with "+" between them.
+  std::vector<std::filesystem::path> find_references(const std::string& names_or_paths) const;
+  std::shared_ptr<const coach::Reference> load_reference(const std::string& names_or_paths) const;
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
   coach::BodyMap load_body_map(const std::string& name_or_path) const;
+  /// A session plan under plans/ by name, or a path to a .toml file; empty: practice without one.
+  /// @throws std::runtime_error listing the names, or what is wrong in the file.
+  coach::SessionPlan load_plan(const std::string& name_or_path) const;
+  /// What a recording names, for its replay.
+  recorder::ReplayLibrary for_replay() const;
 
  private:
   std::filesystem::path find_file(const char* kind, const char* folder,
@@ -63,6 +72,9 @@ class Library {
 
   std::filesystem::path root_;
 };
+
+/// What joins the values of a --reference that is given more than once.
+inline constexpr char kPerformances = '+';
 
 /// Options of every command that opens a SOURCE.
 struct SourceOptions {
@@ -128,6 +140,11 @@ class StopOnSignal {
 
 std::string default_recording_name(const std::string& reference);
 
+/// --plan, for the commands that coach.
+void add_plan_option(CLI::App& command, std::string& plan);
+/// A line for each block: its repetitions, mean score and cues.
+void print_blocks(const coach::CoachSummary& summary);
+
 /// Degrees for people.
 double deg(double radians);
 
@@ -140,8 +157,10 @@ void add_services(CLI::App& app);
 void add_virtual_tags(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
+void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
+void add_study(CLI::App& app);
 void add_doctor(CLI::App& app);
 
 }  // namespace secondskin::cli

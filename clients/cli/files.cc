@@ -12,8 +12,7 @@
 #include "clients/cli/common.h"
 #include "clients/recorder/coach_replay.h"
 #include "coach/align/aligner.h"
-#include "coach/correct/correction.h"
-#include "coach/score/repetition_scorer.h"
+#include "coach/score/offline.h"
 #include "motion/angle_csv.h"
 #include "motion/bvh.h"
 #include "motion/kinematics.h"
@@ -32,6 +31,9 @@ namespace msg = bus::msg;
 using nlohmann::json;
 
 constexpr const char* kPhaseNames[] = {"waiting", "moving", "paused", "finished", "lost"};
+// Of RepetitionScore::lost.
+constexpr const char* kLostNames[] = {"depth", "trunk",    "head",  "legs",
+                                      "arms",  "symmetry", "joints"};
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
@@ -188,7 +190,11 @@ void align_command(CLI::App& app) {
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("align", "say for each frame where in the reference it is");
   command->footer("Example:  secondskin align --reference squat my_squats.bvh --json");
-  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command
+      ->add_option("--reference", options->reference,
+                   "name, folder or motion file; given more than once: several performances")
+      ->join(kPerformances)
+      ->required();
   command->add_option("source", options->source, kSourceHelp)->required();
   command->add_flag("--json", options->json, "one JSON object a line");
   add_source_options(*command, options->from);
@@ -219,19 +225,52 @@ void align_command(CLI::App& app) {
   });
 }
 
-json to_json(const std::string& source, const coach::RepetitionScore& score) {
+json to_json(const std::string& source, const coach::RepetitionScore& score, bool mirrored) {
+  const auto or_null = [](const std::optional<double>& value) {
+    return value ? json(*value) : json(nullptr);
+  };
   json joints = json::object();
   for (std::size_t j = 0; j < kJointCount; ++j) {
+    const coach::JointScore& joint = score.joints[j];
     joints[std::string(joint_name(static_cast<Joint>(j)))] = {
-        {"rms_deg", deg(score.joints[j].rms)},
-        {"peak_deg", deg(score.joints[j].peak)},
-        {"in_band", score.joints[j].in_band}};
+        {"measured", joint.measured},
+        {"rms_deg", deg(joint.rms)},
+        {"peak_deg", deg(joint.peak)},
+        {"in_band", joint.in_band},
+        {"timing_error_s", or_null(joint.timing_error)},
+        {"smoothness", or_null(joint.smoothness)},
+        {"range_deg", deg(joint.range)},
+        {"reference_range_deg", deg(joint.reference_range)}};
   }
+  json lost = json::object();
+  for (std::size_t c = 0; c < score.lost.size(); ++c) lost[kLostNames[c]] = or_null(score.lost[c]);
   return {{"source", source},
           {"start_s", seconds(score.start_ns - 1'000'000)},
           {"end_s", seconds(score.end_ns - 1'000'000)},
+          {"mirrored", mirrored},
           {"total", score.total},
+          {"lost", lost},
           {"joints", joints}};
+}
+
+void print_score(const std::string& source, const coach::RepetitionScore& score, bool mirrored) {
+  fmt::print("{}: repetition {} from {:.2f} to {:.2f} s: {:.1f}{}\n", source, score.repetition,
+             seconds(score.start_ns - 1'000'000), seconds(score.end_ns - 1'000'000), score.total,
+             mirrored ? " (other side)" : "");
+  fmt::print("  lost:");
+  for (std::size_t c = 0; c < score.lost.size(); ++c) {
+    if (score.lost[c]) fmt::print(" {} {:.0f} %", kLostNames[c], 100.0 * *score.lost[c]);
+  }
+  fmt::print("\n");
+}
+
+/// Every pose of a source, its stamps counted from one millisecond: 0 means "none" to the stages.
+std::vector<StampedPose> stamped_poses(server::PoseSource& source) {
+  std::vector<StampedPose> poses;
+  server::for_each_pose(source, [&](const StampedPose& pose) { poses.push_back(pose); });
+  const std::int64_t start = poses.empty() ? 0 : poses.front().stamp_ns;
+  for (StampedPose& pose : poses) pose.stamp_ns += 1'000'000 - start;
+  return poses;
 }
 
 void score_command(CLI::App& app) {
@@ -239,39 +278,39 @@ void score_command(CLI::App& app) {
     std::string reference;
     std::vector<std::string> sources;
     SourceOptions from;
-    bool json = false;
+    bool whole = false, either_side = false, json = false;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("score", "score each repetition in recordings");
   command->footer("Example:  secondskin score --reference squat monday.mcap friday.mcap --json");
-  command->add_option("--reference", options->reference, "name, folder or motion file")->required();
+  command
+      ->add_option("--reference", options->reference,
+                   "name, folder or motion file; given more than once: several performances")
+      ->join(kPerformances)
+      ->required();
   command->add_option("source", options->sources, kSourceHelp)->required();
+  command->add_flag("--whole", options->whole, "each source is exactly one repetition");
+  command->add_flag("--either-side", options->either_side,
+                    "done as in a mirror it is as good: the better side counts");
   command->add_flag("--json", options->json, "one JSON object");
   add_source_options(*command, options->from);
   command->callback([options] {
     const Library library;
-    const auto reference = library.load_reference(options->reference);
+    auto reference = library.load_reference(options->reference);
+    if (options->either_side && !reference->either_side) {
+      auto either = std::make_shared<coach::Reference>(*reference);
+      either->either_side = true;
+      reference = std::move(either);
+    }
     json all = json::array();
     for (const auto& name : options->sources) {
-      const auto source = options->from.open(name, library);
-      coach::RepetitionScorer scorer(reference);
-      coach::JointVectors error = coach::zero_vectors();
-      const auto keep = [&](const std::optional<coach::RepetitionScore>& score) {
-        if (!score) return;
-        all.push_back(to_json(name, *score));
-        if (!options->json) {
-          fmt::print("{}: repetition {} from {:.2f} to {:.2f} s: {:.1f}\n", name, score->repetition,
-                     seconds(score->start_ns - 1'000'000), seconds(score->end_ns - 1'000'000),
-                     score->total);
-        }
-      };
-      follow(reference, *source,
-             [&](const StampedPose& pose, const coach::AlignmentEstimate& e, double) {
-               if (!pose.pose.is_valid()) return;
-               coach::joint_errors(*reference, e.reference_time, pose.pose, error);
-               keep(scorer.update(pose.stamp_ns, e, error, 0));
-             });
-      keep(scorer.finish());
+      const auto poses = stamped_poses(*options->from.open(name, library));
+      const auto scores = options->whole ? coach::score_whole(reference, poses)
+                                         : coach::score_recording(reference, poses);
+      for (const auto& score : scores.repetitions) {
+        all.push_back(to_json(name, score, scores.mirrored));
+        if (!options->json) print_score(name, score, scores.mirrored);
+      }
     }
     if (options->json) {
       fmt::print("{}\n", json{{"repetitions", all}}.dump(2));
@@ -455,9 +494,7 @@ void replay_command(CLI::App& app) {
       return;
     }
     const Library library;
-    const auto result = recorder::replay_coach(
-        options->file, {[&](const std::string& name) { return library.load_reference(name); },
-                        [&](const std::string& name) { return library.load_body_map(name); }});
+    const auto result = recorder::replay_coach(options->file, library.for_replay());
     if (options->json) {
       fmt::print("{}\n", json{{"sessions", result.sessions},
                               {"frames", result.frames},

@@ -36,6 +36,8 @@ int run(int argc, char** argv) {
   cli::add_files(app);
   cli::add_reference(app);
   cli::add_calibrate(app);
+  cli::add_calibrate_tactors(app);
+  cli::add_study(app);
   cli::add_doctor(app);
   if (argc > 1 && argv[1][0] != '-' &&
       app.get_subcommands([&](CLI::App* known) { return known->check_name(argv[1]); }).empty()) {

@@ -8,6 +8,7 @@
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
+#include "clients/cli/tactile_options.h"
 #include "clients/recorder/recorder_service.h"
 #include "clients/tactor_driver/tactor_service.h"
 #include "coach/coach_service.h"
@@ -66,6 +67,8 @@ void coach(CLI::App& app) {
     std::string reference = "all";
     std::string body_map = "full_body";
     coach::CoachSettings settings;
+    TactileOptions tactile;
+    std::string plan;
     bool wait = false;
   };
   auto options = std::make_shared<Options>();
@@ -76,7 +79,8 @@ void coach(CLI::App& app) {
       ->add_option(
           "--reference", options->reference,
           "name under reference_motions/, a folder or a motion file; 'all': every known one, "
-          "to choose from by session commands")
+          "to choose from by session commands; given more than once: performances of one motion")
+      ->join(kPerformances)
       ->capture_default_str();
   command->add_option("--body-map", options->body_map, "where the tactors sit: name or .toml file")
       ->capture_default_str();
@@ -88,7 +92,9 @@ void coach(CLI::App& app) {
                    "times the reference's tolerances")
       ->check(CLI::Range(0.1, 10.0))
       ->capture_default_str();
+  add_plan_option(*command, options->plan);
   command->add_flag("--wait", options->wait, "begin only when a session command says so");
+  add_tactile_options(*command, options->tactile);
   add_bus_options(*command, options->bus);
   command->callback([options] {
     StopOnSignal signals;
@@ -102,14 +108,19 @@ void coach(CLI::App& app) {
       service_options.references.push_back(library.load_reference(options->reference));
     }
     service_options.body_map = library.load_body_map(options->body_map);
+    service_options.plan = library.load_plan(options->plan);
     service_options.settings = options->settings;
+    service_options.tactile = options->tactile.prepare(service_options.body_map);
+    const coach::BodyMap body_map = service_options.body_map;
     service_options.start = !options->wait;
     bus::Participant participant(options->bus.configuration("secondskin_coach"));
     coach::CoachService service(participant, std::move(service_options));
     const auto summary = service.run(signals.token());
+    options->tactile.keep(body_map, summary.exposure);
     fmt::print("coach: {} frames, {} lost, {} repetitions, {} cues, {} corrections\n",
                summary.frames, summary.lost, summary.repetitions.size(), summary.cues,
                summary.corrections);
+    if (!options->plan.empty()) print_blocks(summary);
   });
 }
 

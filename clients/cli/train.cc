@@ -13,6 +13,7 @@
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
+#include "clients/cli/tactile_options.h"
 #include "clients/recorder/recorder_service.h"
 #include "clients/tactor_driver/tactor_service.h"
 #include "coach/coach_service.h"
@@ -46,6 +47,8 @@ struct TrainOptions {
   unsigned baud_rate = 115'200;
   std::string body_map = "full_body";
   coach::CoachSettings settings;
+  TactileOptions tactile;
+  std::string plan;
   std::filesystem::path recording;
   bool loop = false;
   double speed = 1.0;
@@ -55,7 +58,7 @@ struct TrainOptions {
 /// waits for it.
 struct LiveLine {
   std::mutex mutex;
-  double reference_time = 0.0;
+  double reference_time = 0.0, duration = 0.0;
   double tempo = 0.0;
   coach::Phase phase = coach::Phase::kWaiting;
   std::uint32_t repetition = 0;
@@ -65,10 +68,12 @@ struct LiveLine {
   std::vector<coach::Cue> cues;
   double latency = 0.0;
 
-  void take(const coach::CoachFrame& frame, const coach::Reference& reference) {
+  void take(const coach::CoachFrame& frame) {
     const std::unique_lock lock(mutex, std::try_to_lock);
     if (!lock) return;
     const auto& out = frame.output;
+    const coach::Reference& reference = frame.reference;
+    duration = reference.motion.duration();
     reference_time = out.alignment.reference_time;
     tempo = out.alignment.tempo;
     phase = out.alignment.phase;
@@ -136,7 +141,7 @@ class Terminal {
     return 0;
   }
 
-  static void show(LiveLine& live, const coach::Reference& reference, bool stopped, bool paused) {
+  static void show(LiveLine& live, const std::string& block, bool stopped, bool paused) {
     static constexpr const char* kPhases[] = {"waiting", "moving", "paused", "finished", "lost"};
     const std::lock_guard lock(live.mutex);
     const bool following =
@@ -148,8 +153,8 @@ class Terminal {
       cues += fmt::format("{}{}", cues.empty() ? "" : ", ", words(cue));
     }
     const auto line = fmt::format(
-        "{:5.2f}/{:.2f} s  x{:.2f}  {:<8} rep {}  {:<27} [{}]  {:.1f} ms{}", live.reference_time,
-        reference.motion.duration(), live.tempo, kPhases[static_cast<int>(live.phase)],
+        "{}{:5.2f}/{:.2f} s  x{:.2f}  {:<8} rep {}  {:<27} [{}]  {:.1f} ms{}", block,
+        live.reference_time, live.duration, live.tempo, kPhases[static_cast<int>(live.phase)],
         live.repetition, worst, cues.empty() ? "no cue" : cues, live.latency * 1e3,
         stopped  ? "  STOPPED"
         : paused ? "  PAUSED"
@@ -166,7 +171,7 @@ class Terminal {
 void print_summary(const coach::CoachSummary& coach, const coach::Reference& reference,
                    const tactor_driver::TactorSummary& tactors,
                    const server::CaptureCounts& capture, const recorder::RecorderCounts& recording,
-                   const std::filesystem::path& file) {
+                   const std::filesystem::path& file, bool with_plan) {
   fmt::print("\nSession: {} poses, {} coached, {} lost\n", capture.published, coach.frames,
              coach.lost);
   fmt::print("Reference: {} ({:.1f} s)\n", reference.name, reference.motion.duration());
@@ -183,6 +188,7 @@ void print_summary(const coach::CoachSummary& coach, const coach::Reference& ref
                  deg(score.joints[order[k]].rms), k < 2 ? "," : "\n");
     }
   }
+  if (with_plan) print_blocks(coach);
   fmt::print("Cues: {} given", coach.cues);
   std::array<std::size_t, kJointCount> order{};
   std::iota(order.begin(), order.end(), 0u);
@@ -212,6 +218,13 @@ void print_summary(const coach::CoachSummary& coach, const coach::Reference& ref
   }
 }
 
+/// Where the session is in its plan; nothing without one.
+std::string block_words(const msg::SessionState& state) {
+  if (state.plan().size() == 0) return {};
+  return fmt::format("{} {}/{}{}  ", state.block_name().to_string(), state.block_repetitions(),
+                     state.block_planned(), state.resting() ? " after a rest" : "");
+}
+
 /// Waits until the coach says over the bus that a session runs.
 void wait_for_session(bus::Reader<msg::SessionState>& states, std::stop_token stop) {
   bus::WaitSet news;
@@ -236,7 +249,7 @@ void train(TrainOptions& options) {
   const Library library;
   auto reference = library.load_reference(options.reference);
   if (options.learner.empty()) {
-    const auto folder = library.find_reference(options.reference);
+    const auto folder = library.find_references(options.reference).front();
     options.learner = (folder / "learner.bvh").string();
     if (!std::filesystem::exists(options.learner)) {
       throw std::runtime_error(
@@ -249,6 +262,9 @@ void train(TrainOptions& options) {
   coach_options.references = {reference};
   coach_options.body_map = library.load_body_map(options.body_map);
   coach_options.settings = options.settings;
+  coach_options.plan = library.load_plan(options.plan);
+  coach_options.tactile = options.tactile.prepare(coach_options.body_map);
+  const coach::BodyMap body_map = coach_options.body_map;
   if (options.recording.empty()) options.recording = default_recording_name(reference->name);
 
   // Each part on its own thread; leaving this function in any way stops and joins them, the board
@@ -274,7 +290,9 @@ void train(TrainOptions& options) {
   bus::Writer<msg::EmergencyStop> stops(participant);
 
   LiveLine live;
-  coach.on_frame([&](const coach::CoachFrame& frame) { live.take(frame, *reference); });
+  std::stop_source plan_over;
+  coach.on_end([&] { plan_over.request_stop(); });
+  coach.on_frame([&](const coach::CoachFrame& frame) { live.take(frame); });
 
   recorder::RecorderCounts recording;
   tactor_driver::TactorSummary tactor_summary;
@@ -305,11 +323,16 @@ void train(TrainOptions& options) {
       capture_counts = capture.run(stop);
       ended = true;
     });
-    const std::stop_callback end_capture(signals.token(), [&] { capture_thread.request_stop(); });
+    const auto stop_capture = [&] { capture_thread.request_stop(); };
+    const std::stop_callback end_capture(signals.token(), stop_capture);
+    const std::stop_callback end_of_plan(plan_over.get_token(), stop_capture);
     Terminal screen;
     bool stopped = false, paused = false;
+    std::string block;
+    msg::SessionState state;
     while (screen.is_tty() && !ended) {
-      Terminal::show(live, *reference, stopped, paused);
+      while (states.take(state)) block = block_words(state);
+      Terminal::show(live, block, stopped, paused);
       const char key = screen.key();
       if (key == 'q') capture_thread.request_stop();
       if (key == 's') {
@@ -335,10 +358,11 @@ void train(TrainOptions& options) {
   coach_thread.join();
   tactor_thread.request_stop();
   tactor_thread.join();
+  options.tactile.keep(body_map, coach_summary.exposure);
   recorder_thread.request_stop();
   recorder_thread.join();
   print_summary(coach_summary, *reference, tactor_summary, capture_counts, recording,
-                options.recording);
+                options.recording, !options.plan.empty());
   if (!recording.error.empty()) throw std::runtime_error(recording.error);
   if (tactor_summary.counters.connections == 0)
     throw std::runtime_error(tactor_summary.port_trouble);
@@ -351,11 +375,15 @@ void add_train(CLI::App& app) {
   auto* command = app.add_subcommand("train", "run a whole session in one process");
   command->footer(
       "Example:  secondskin train --reference squat --learner my_squats.bvh --port /dev/ttyUSB0\n"
+      "          secondskin train --plan slow_first --loop\n"
       "Without --learner a recorded learner that comes with the reference moves; without --port a\n"
       "virtual board vibrates.");
   command
-      ->add_option("--reference", options->reference,
-                   "name under reference_motions/, a folder or a motion file")
+      ->add_option(
+          "--reference", options->reference,
+          "name under reference_motions/, a folder or a motion file; given more than once: "
+          "several performances of one motion")
+      ->join(kPerformances)
       ->capture_default_str();
   command->add_option("--learner", options->learner, "source of the learner's poses");
   command->add_option("--port", options->port, "the tactor board's serial port, or 'virtual'")
@@ -377,7 +405,9 @@ void add_train(CLI::App& app) {
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
   command->add_flag("--loop", options->loop, "start the learner again at the end");
+  add_plan_option(*command, options->plan);
   add_source_options(*command, options->from);
+  add_tactile_options(*command, options->tactile);
   add_bus_options(*command, options->bus);
   command->callback([options] { train(*options); });
 }

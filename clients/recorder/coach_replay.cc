@@ -128,12 +128,14 @@ struct Session {
 
 }  // namespace
 
-ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary& library) {
+ReplayResult replay_coach(
+    const std::filesystem::path& file, const ReplayLibrary& library,
+    const std::function<void(const coach::Coach&, const coach::CoachOutput&)>& look) {
   Recorded recorded = read(file);
   ReplayResult result;
   result.remarks = std::move(recorded.remarks);
   Session session;
-  std::int64_t session_start_ns = 0;
+  std::int64_t session_start_ns = 0, block_start_ns = 0;
   std::size_t next_state = 0;
   bool fresh_coach = true;  // its numbers begin again
   std::uint64_t last_number = 0;
@@ -144,10 +146,13 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
     if (auto score = session.coach->finish()) result.repetitions.push_back(*score);
   };
   const auto obey = [&](const msg::SessionState& state, const Skeleton& body) {
-    if (state.session_start_ns() != session_start_ns && state.phase() == msg::SESSION_RUNNING) {
+    const bool another_session = state.session_start_ns() != session_start_ns;
+    if ((another_session || state.block_start_ns() != block_start_ns) &&
+        state.phase() == msg::SESSION_RUNNING) {
       finish();
       session_start_ns = state.session_start_ns();
-      ++result.sessions;
+      block_start_ns = state.block_start_ns();
+      if (another_session) ++result.sessions;
       session = {};
       session.reference = library.reference(state.reference().to_string());
       if (coach::fingerprint(*session.reference) != state.reference_fingerprint()) {
@@ -155,18 +160,27 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
             fmt::format("reference '{}' is not the one of the recording: commands will differ",
                         session.reference->name));
       }
+      session.reference = coach::at_tempo(session.reference, state.block_tempo());
       session.solver = std::make_unique<RecordedSchedule>(
           session.reference, body,
-          coach::CorrectionOptions{.tolerance_scale = state.tolerance_scale()});
+          coach::CorrectionOptions{.tolerance_scale = state.tolerance_scale(),
+                                   .max_joints = state.max_cues()});
+      coach::BodyMap map;
+      coach::TactileSetup tactile;
+      if (!coach::from_message(state, map, tactile)) {
+        map = library.body_map(state.body_map().to_string());
+      }
       session.coach = std::make_unique<coach::Coach>(
-          session.reference, library.body_map(state.body_map().to_string()),
+          session.reference, std::move(map),
           coach::CoachSettings{.tolerance_scale = state.tolerance_scale(),
                                .max_cues = state.max_cues()},
-          *session.solver);
+          *session.solver, std::move(tactile));
     }
     if (session.coach) {
       session.coach->pause(state.phase() == msg::SESSION_PAUSED);
       session.coach->mute(state.stopped());
+      session.coach->feedback(coach::feedback_of(state));
+      session.coach->rest(state.resting());
     }
   };
 
@@ -209,6 +223,7 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
     session.solver->expect(handed_over ? &correction->second : nullptr);
     session.coach->step(pose->second.second, out);
     session.coach->pose_problem();
+    if (look) look(*session.coach, out);
     ++result.frames;
     result.corrections += out.handed_over ? 1 : 0;
     if (out.repetition) result.repetitions.push_back(*out.repetition);
@@ -230,6 +245,25 @@ ReplayResult replay_coach(const std::filesystem::path& file, const ReplayLibrary
         "{} commands are not in the recording and were not compared", missing_commands));
   }
   return result;
+}
+
+std::vector<coach::GivenCue> recorded_cues(const std::filesystem::path& recording,
+                                           const ReplayLibrary& library) {
+  coach::CueLog log;
+  std::uint32_t repetition = 0;
+  const auto result = replay_coach(
+      recording, library, [&](const coach::Coach& coach, const coach::CoachOutput& out) {
+        const double duration = coach.reference().motion.duration();
+        const double share = duration > 0.0 ? out.alignment.reference_time / duration : 0.0;
+        log.take(repetition, share, coach.cues(), out.correction, out.error, coach.tolerance());
+        if (out.repetition) ++repetition;
+      });
+  if (result.commands_different > 0) {
+    throw std::runtime_error(fmt::format("{}: its replay gives other commands ({} of {})",
+                                         recording.string(), result.commands_different,
+                                         result.commands_compared));
+  }
+  return log.cues();
 }
 
 }  // namespace secondskin::recorder

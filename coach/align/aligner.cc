@@ -7,9 +7,14 @@
 #include <stdexcept>
 #include <vector>
 
+#include "coach/align/fit_record.h"
 #include "coach/align/global_search.h"
+#include "coach/align/learner_stream.h"
+#include "coach/align/likeness.h"
 #include "coach/align/pose_features.h"
 #include "coach/align/position_filter.h"
+#include "coach/align/posture_offset.h"
+#include "coach/align/reference_measure.h"
 
 namespace secondskin::coach {
 namespace {
@@ -19,16 +24,18 @@ constexpr double square(double x) { return x * x; }
 
 // The rules of docs/alignment.md, section 4. Angles are RMS over the joints; shares are of the
 // path, the way that the joints go in the whole reference.
-constexpr double kStillSpeed = 8.0 * kDegree;  // up to this the expert stands still [rad/s]
-constexpr double kPoseFloor = 3.0 * kDegree;   // error of a learner who does the same [rad]
+constexpr double kPoseFloor = 3.0 * kDegree;  // error of a learner who does the same [rad]
 
-// Neighbourhoods of the start's and the end's pose, and of the reference as a whole. Shares are of
-// the typical distance between two of the reference's poses.
-constexpr double kZone = 6.0 * kDegree, kZoneShare = 0.15;
-constexpr double kLostShare = 0.9;  // farther off is another motion
-constexpr double kLeastLost = 15.0 * kDegree, kMostLost = 30.0 * kDegree;
-constexpr double kMatchShare = 0.85;  // of the lost distance: near enough to begin
-constexpr double kMeanFit = 0.7;      // of its square: farther off on average was another motion
+// Near the expert, or on his way. Correlations of the joints' ways (likeness.h).
+constexpr double kAlike = 0.85, kHardlyAlike = 0.7;  // of late: on his way; no longer astray for it
+constexpr double kStrange = 0.6;                // of late: less, and not near, is another motion
+constexpr double kAttemptAlike = 0.81;          // of the least alike limb over the whole attempt
+constexpr double kFarthest = 25.0 * kDegree;    // farther off is not followed, however alike
+constexpr double kLeastWay = 4.0 * kDegree;     // of the expert: less says nothing about likeness
+constexpr double kMeanFit = 0.7;                // of the lost distance's square, along the path
+constexpr double kBestFit = 9.0 * kDegree;      // in the best part of the attempt
+constexpr double kRecentFit = 12.0 * kDegree;   // in the best part of the last time, or on average
+constexpr double kOwnPosture = 30.0 * kDegree;  // farther from the start is not a posture
 
 // How much of the path.
 constexpr double kStartProgress = 0.03;         // the learner has set off
@@ -36,27 +43,40 @@ constexpr double kLateProgress = 0.2;           // likewise, when joining in the
 constexpr double kLatestJoin = 0.6;             // who joins later has missed this repetition
 constexpr double kCountedProgress = 1.0 / 3.0;  // it counts as under way
 constexpr double kSkipProgress = 0.25;          // may be left out at once
+constexpr double kShallowProgress = 0.9;        // likewise between alike poses: not as far
 constexpr double kWholeProgress = 0.6;          // enough to have finished
 constexpr double kLeaveProgress = 0.75;         // who goes back or away from here has finished
 constexpr double kStopProgress = 0.9;           // who stops here has finished
 constexpr double kTurnProgress = 0.05;          // so much back from there: likewise
-constexpr double kEndProgress = 0.95;           // the end's neighbourhood begins after it
+constexpr double kRestProgress = 0.85;          // who rests here as at the end has finished
+constexpr double kLeastDone = 0.12;             // done in fact, not only left out
+constexpr double kNextProgress = 0.5;           // so much back at once may be the next repetition
 
 // For how long [s].
-constexpr double kErrorTime = 0.15, kVarianceTime = 0.5;  // memory of the pose error
+constexpr double kErrorTime = 0.15, kVarianceTime = 1.0;  // memory of the pose error
+constexpr double kFitTime = 1.5, kLeastFitTime = 1.0;     // memory of the fit, and enough of it
 constexpr double kLostTime = 0.3, kGiveUpTime = 2.0;
-constexpr double kPauseTime = 0.25, kStopTime = 0.5;
+constexpr double kPauseTime = 0.25, kStopTime = 0.3;
 constexpr double kAtStartTime = 0.15;
 constexpr double kSetOffTime = 0.7;  // between leaving the start and being followed
 constexpr double kRestTime = 0.8;    // fitting without moving on
 constexpr double kRelocateTime = 0.12, kJoinTime = 0.4;  // another place fits better
-constexpr double kLongestGap = 1.0;                      // after it the past says nothing
+constexpr double kSetOff = 0.3, kLateSetOff = 1.0;  // of moving: enough, however long the reference
+constexpr double kShortRest = 0.05;                 // resting
+constexpr double kLeastLeft = 0.8;                  // of the reference: the end may be near
+constexpr double kPostureTime = 0.15;               // memory of the posture at rest
+constexpr double kWayTime = 6.0;                    // likewise on the way
+constexpr double kDoubtTime = 1.0;                  // likewise when lost
+constexpr double kLongestGap = 1.0;                 // after it the past says nothing
 
-constexpr double kVarianceGain = 1.5;  // a learner's own way is not independent from frame to frame
+// Noise differs from frame to frame; a learner's own way, which is larger, does not: beyond
+// kOwnWay an error counts for less than its square.
+constexpr double kVarianceGain = 1.5;
+constexpr double kOwnWay = 7.0 * kDegree;
 constexpr double kPauseTempo = 0.12, kGoTempo = 0.25;
 constexpr double kStandShare = 0.1;  // of the expert's speed here: slower is standing still
 constexpr double kStartMix = 2.0;    // how often a start is expected while waiting [1/s]
-constexpr double kJumpRate = 0.02, kWaitingJumpRate = 0.0005;  // of leaps in the window [1/s]
+constexpr double kJumpRate = 0.001, kWaitingJumpRate = 0.0005;  // of leaps in the window [1/s]
 
 }  // namespace
 
@@ -66,117 +86,17 @@ struct Aligner::State {
         rate_hz(reference->motion.rate_hz),
         frames(reference->motion.poses.size()),
         features(*reference, 1),
+        measure(features, rate_hz),
         filter(frames, rate_hz, options),
+        attempt(*reference),
+        recent(*reference),
         pose(filter.width()),
         cross(filter.width()),
         speed(filter.width()) {
     if (filter.width() < frames) search.emplace(*reference);
-    measure_reference();
+    first = features.orientations_at(0);
+    last_pose = features.orientations_at(frames - 1);
     reset();
-  }
-
-  // ---- the reference's measures -----------------------------------------------------------------
-
-  void measure_reference() {
-    // Typical distance of two of its poses: the scale on which "elsewhere" is told from "there".
-    double sum = 0.0;
-    std::size_t pairs = 0;
-    const std::size_t step = std::max<std::size_t>(1, frames / 64);
-    for (std::size_t a = 0; a < frames; a += step) {
-      for (std::size_t b = 0; b < a; b += step, ++pairs) sum += features.distance_square(a, b);
-    }
-    const double typical = pairs > 0 ? std::sqrt(sum / static_cast<double>(pairs)) : 0.0;
-    lost_square = square(std::clamp(kLostShare * typical, kLeastLost, kMostLost));
-    match_square = square(kMatchShare) * lost_square;
-
-    // Path length of the moving parts: the measure of how much of the motion was done.
-    path.resize(frames, 0.0);
-    const auto lag = static_cast<std::size_t>(std::lround(0.1 * rate_hz));
-    for (std::size_t i = 1; i < frames; ++i) {
-      const std::size_t a = i > lag ? i - lag : 0;
-      const double v = std::sqrt(std::max(0.0F, features.distance_square(a, i))) * rate_hz /
-                       static_cast<double>(i - a);
-      path[i] = path[i - 1] + std::max(0.0, v - kStillSpeed) / rate_hz;
-    }
-    const double radius = square(std::max(kZone, kZoneShare * typical));
-    start_zone = 1;
-    while (start_zone < frames && features.distance_square(0, start_zone) < radius) ++start_zone;
-    end_zone = frames - 1;
-    while (end_zone > 0 && features.distance_square(frames - 1, end_zone - 1) < radius &&
-           path[end_zone - 1] > kEndProgress * path.back()) {
-      --end_zone;
-    }
-    if (end_zone < start_zone) {  // hardly any motion: halves
-      start_zone = std::max<std::size_t>(1, frames / 2);
-      end_zone = std::min(frames - 1, start_zone);
-    }
-  }
-
-  double path_at(double position) const noexcept {
-    const double p = std::clamp(position, 0.0, static_cast<double>(frames - 1));
-    const auto i = static_cast<std::size_t>(p);
-    if (i + 1 >= frames) return path.back();
-    const double u = p - static_cast<double>(i);
-    return path[i] + u * (path[i + 1] - path[i]);
-  }
-
-  // ---- the learner's features -------------------------------------------------------------------
-
-  struct Past {
-    double time;
-    std::array<JointFeature, kJointCount> orientation;
-    std::array<bool, kJointCount> known;
-  };
-  static constexpr std::size_t kHistory = 32;
-  static constexpr double kHistoryStep = 0.004;  // [s]; all of it reaches beyond the lag
-
-  // False when no joint can be compared.
-  bool take(double time, const Pose& learner) noexcept {
-    const Past* before = nullptr;
-    double nearest = 0.5 * kVelocityLag;
-    for (std::size_t i = 0; i < history_size; ++i) {
-      const double off = std::fabs(time - history[i].time - kVelocityLag);
-      if (off < nearest) {
-        nearest = off;
-        before = &history[i];
-      }
-    }
-    Past now;
-    now.time = time;
-    double total = 0.0;
-    for (std::size_t j = 0; j < kJointCount; ++j) {
-      const auto joint = static_cast<Joint>(j);
-      current.weight[j] = 0.0F;
-      now.known[j] = learner.confidence[j] > 0.0F;
-      now.orientation[j] = current.orientation[j] = joint_feature(joint, learner.q_PB[j]);
-      current.velocity[j] = {};
-      if (!now.known[j] || features.weight()[j] <= 0.0F) continue;
-      if (before != nullptr) {
-        if (!before->known[j]) continue;  // back since less than the lag
-        current.velocity[j] =
-            feature_velocity(joint, before->orientation[j], current.orientation[j],
-                             static_cast<float>(time - before->time));
-      }
-      current.weight[j] = features.weight()[j] * std::min(learner.confidence[j], 1.0F);
-      total += current.weight[j];
-    }
-    if (history_size == 0 || time - history[history_last].time >= kHistoryStep) {
-      history_last = history_size == 0 ? 0 : (history_last + 1) % kHistory;
-      history_size = std::min(history_size + 1, kHistory);
-      history[history_last] = now;
-    }
-    if (total <= 0.0) return false;
-    double squares = 0.0;
-    current.speed_square = 0.0F;
-    for (std::size_t j = 0; j < kJointCount; ++j) {
-      current.weight[j] = static_cast<float>(current.weight[j] / total);
-      squares += square(current.weight[j]);
-      const auto& v = current.velocity[j];
-      current.speed_square += current.weight[j] * (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    }
-    current.joints = static_cast<float>(1.0 / squares);
-    current.has_velocity = before != nullptr;
-    return true;
   }
 
   // ---- each frame -------------------------------------------------------------------------------
@@ -184,11 +104,13 @@ struct Aligner::State {
   void step(double time, double gap) noexcept {
     const double dt = std::min(gap, PositionFilter::kLongestStep);
     filter.predict(dt, waiting() ? kWaitingJumpRate : kJumpRate);
-    if (waiting()) filter.mix_start(start_zone, std::min(0.5, kStartMix * dt));
+    if (waiting()) filter.mix_start(measure.start_zone, std::min(0.5, kStartMix * dt));
     const FrameCosts costs{pose, cross, speed};
     features.compare(current, filter.begin(), costs);
-    filter.correct(costs, current, square(kPoseFloor) + kVarianceGain * variance,
-                   std::clamp(dt * rate_hz, 0.1, 2.0));
+    filter.correct(
+        costs, current,
+        square(kPoseFloor) + kVarianceGain * variance * (1.0 + variance / square(kOwnWay)),
+        std::clamp(dt * rate_hz, 0.1, 2.0));
 
     const PositionFilter::Estimate before = estimate;
     estimate = filter.estimate();
@@ -198,36 +120,98 @@ struct Aligner::State {
     here_square = here;
     expert_speed_square = speed[i];
     error_square += (1.0 - std::exp(-dt / kErrorTime)) * (here - error_square);
-    confidence = std::exp2(-error_square / lost_square) * estimate.concentration;
-    variance += (1.0 - std::exp(-dt / kVarianceTime)) * (std::min(here, lost_square) - variance);
+    confidence = std::exp2(-error_square / measure.lost_square) * estimate.concentration;
+    variance +=
+        (1.0 - std::exp(-dt / kVarianceTime)) * (std::min(here, measure.lost_square) - variance);
 
+    if (!waiting()) {
+      attempt_fit.add(std::sqrt(here), dt);
+      recent_fit.fade(std::exp(-dt / kFitTime));
+      recent_fit.add(std::sqrt(here), dt);
+      attempt.add(current, estimate.position, dt);
+    }
+    recent.fade(std::exp(-dt / kFitTime));
+    recent.add(current, estimate.position, dt);
+    if (const Likeness::Value v = recent.value(); v.expert > kLeastWay) agreement = v.correlation;
+
+    learn_posture(dt);
     advance(before.position, here, dt);
     decide(dt);
     if (search) look_elsewhere(time);
     if (!waiting()) filter.follow();
   }
 
+  // How the learner's joints are held: at rest where the start is expected, slowly on the way.
+  void learn_posture(double dt) noexcept {
+    if (waiting()) {
+      if (!rests() ||
+          features.distance_square(current.measured, current.weight, first) > square(kOwnPosture))
+        return;
+      posture.learn(current, first, static_cast<float>(1.0 - std::exp(-dt / kPostureTime)));
+    } else if (phase == Phase::kMoving && error_square < measure.lost_square) {
+      const double at = std::clamp(estimate.position + 0.5, 0.0, static_cast<double>(frames - 1));
+      posture.learn(current, features.orientations_at(static_cast<std::size_t>(at)),
+                    static_cast<float>(dt / kWayTime));
+    } else if (phase == Phase::kLost) {
+      posture.forget(static_cast<float>(dt / kDoubtTime));
+    }
+  }
+
+  bool rests() const noexcept {
+    return current.has_velocity && current.speed_square < square(measure.resting_speed);
+  }
+
   bool waiting() const noexcept { return phase == Phase::kWaiting || phase == Phase::kFinished; }
+
+  bool attempting() const noexcept { return phase == Phase::kMoving || phase == Phase::kPaused; }
+
+  // Near the expert, or on his way though farther off than the expert's own poses are apart.
+  bool fits() const noexcept {
+    return error_square < measure.match_square ||
+           (agreement > kAlike && error_square < square(kFarthest));
+  }
+  bool fits_now() const noexcept {
+    return here_square < measure.match_square ||
+           (agreement > kAlike && here_square < square(kFarthest));
+  }
+  bool astray_now() const noexcept {
+    return error_square > measure.lost_square &&
+           !(agreement > kHardlyAlike && error_square < square(kFarthest));
+  }
 
   // How much of the path was done without a jump.
   void advance(double before, double here, double dt) noexcept {
     const double moved = estimate.position - before;
     const double most = 3.0 * dt * rate_hz + 3.0;
-    const double done = path_at(estimate.position) - path_at(before);
+    const double done = measure.path_at(estimate.position) - measure.path_at(before);
     if (std::fabs(moved) > most) {
       progress = 0.0;
+      const bool between_alike = measure.alike(before, estimate.position);
+      // Where the end looks like the start the learner has gone on to the next repetition.
+      passing = attempting() && between_alike && furthest > kLeaveProgress * measure.whole() &&
+                done < -kNextProgress * measure.whole() && counts();
+      if (!between_alike) {
+        agreement = 0.0;
+        recent.clear();
+      }
       if (done > 0.0) {  // a short part left out, or done so differently that it was not recognised
-        if (done < kSkipProgress * path.back()) covered += done;
-      } else if (estimate.position >= static_cast<double>(start_zone)) {
-        covered = std::min(covered, path_at(estimate.position));
+        const double most_left_out = between_alike && fits_now() ? kShallowProgress : kSkipProgress;
+        if (done < most_left_out * measure.whole()) {
+          covered += done;
+          if (done > kSkipProgress * measure.whole()) shallow = true;
+        }
+      } else if (estimate.position >= static_cast<double>(measure.start_zone)) {
+        covered = std::min(covered, measure.path_at(estimate.position));
+        furthest = std::min(furthest, measure.path_at(estimate.position));
       }  // a jump to the start is decide()'s: the end of this attempt or of the repetition
       return;
     }
-    if (error_square > match_square) progress = 0.0;
+    if (!fits()) progress = 0.0;
     progress = std::max(0.0, progress + done);
-    if (phase == Phase::kMoving || phase == Phase::kPaused) {
+    if (attempting()) {
       covered += done;
       if (done > 0.0) {
+        walked += done;
         fit_path += done;
         fit_sum += done * here;
       }
@@ -236,9 +220,18 @@ struct Aligner::State {
 
   void decide(double dt) noexcept {
     in_phase += dt;
+    if (passing) {
+      passing = false;
+      repetition = ++finished;
+      const PositionFilter::Estimate there = estimate;
+      enter(Phase::kFinished, true);
+      estimate = there;
+      since_start = 0.0;
+    }
     switch (phase) {
       case Phase::kFinished:
-        if (in_phase > kLostTime && distance_to_end() > match_square) enter(Phase::kWaiting);
+        if (in_phase > kLostTime && distance_to_end() > measure.match_square)
+          enter(Phase::kWaiting);
         wait(dt);
         break;
       case Phase::kWaiting:
@@ -249,33 +242,41 @@ struct Aligner::State {
         go_on(dt);
         break;
       case Phase::kLost:
-        found = error_square < match_square ? found + dt : 0.0;
-        if (found > kLostTime && (progress > kStartProgress * path.back() || found > kRestTime)) {
-          enter(estimate.position < static_cast<double>(start_zone) ? Phase::kWaiting
-                                                                    : Phase::kMoving);
+        found = (another ? error_square < square(kRecentFit) : fits()) ? found + dt : 0.0;
+        if (found > kLostTime &&
+            (progress > kStartProgress * measure.whole() || found > kRestTime)) {
+          enter(estimate.position < static_cast<double>(measure.start_zone) ? Phase::kWaiting
+                                                                            : Phase::kMoving);
         } else if (in_phase > kGiveUpTime) {
           enter(Phase::kWaiting);
         }
         break;
     }
-    if ((phase == Phase::kMoving || phase == Phase::kPaused) &&
-        covered > kCountedProgress * path.back()) {
+    if (attempting() && covered > kCountedProgress * measure.whole()) {
       repetition = finished + 1;
     }
   }
 
   // Until the learner moves along the reference.
   void wait(double dt) noexcept {
-    const double beyond = estimate.position - static_cast<double>(start_zone);
-    const bool fits = error_square < match_square;
-    if (fits && beyond <= 0.0) since_start = 0.0;
+    const double beyond = estimate.position - static_cast<double>(measure.start_zone);
+    const bool fits = this->fits();
+    const bool at_start_or_end =
+        beyond <= 0.0 ||
+        (measure.path_at(estimate.position) > kLatestJoin * measure.whole() && looks_like(first));
+    if (fits && at_start_or_end) {
+      since_start = 0.0;
+      home = current.measured;
+    }
     since_start += dt;
     // From the start when it was there a moment ago, even if the way here fitted badly.
     const double way = beyond / rate_hz;
     const bool from_start = since_start < 2.0 * way + kSetOffTime && since_start > 0.4 * way;
-    const double done = path_at(estimate.position);
-    const double needed = (from_start ? kStartProgress : kLateProgress) * path.back();
-    if (fits && beyond > 0.0 && done < kLatestJoin * path.back() && progress > needed) {
+    const double done = measure.path_at(estimate.position);
+    const double needed =
+        from_start ? std::min(kStartProgress * measure.whole(), kSetOff * measure.speed)
+                   : std::min(kLateProgress * measure.whole(), kLateSetOff * measure.speed);
+    if (fits && beyond > 0.0 && done < kLatestJoin * measure.whole() && progress > needed) {
       covered = from_start ? done : progress;
       enter(Phase::kMoving);
     }
@@ -283,19 +284,32 @@ struct Aligner::State {
 
   // Until the end, a way back to the start, a pause or a loss.
   void go_on(double dt) noexcept {
-    const double whole = path.back();
-    const double done = path_at(estimate.position);
-    const bool fits = error_square < match_square;
-    const bool fits_now = here_square < match_square;
-    const bool in_start = estimate.position < static_cast<double>(start_zone);
-    const bool in_end = estimate.position >= static_cast<double>(end_zone);
+    const double whole = measure.whole();
+    const double done = measure.path_at(estimate.position);
+    const bool fits = this->fits();
+    const bool fits_now = this->fits_now();
+    const bool in_start = estimate.position < static_cast<double>(measure.start_zone);
+    const bool in_end = estimate.position >= static_cast<double>(measure.end_zone);
     still = estimate.tempo < kPauseTempo || stands() ? still + dt : 0.0;
-    astray = error_square > lost_square ? astray + dt : 0.0;
+    astray = astray_now() ? astray + dt : 0.0;
     at_start = in_start && fits && fits_now ? at_start + dt : 0.0;
-    if (fits) furthest = std::max(furthest, done);
+    if (fits && fits_now && done >= furthest) {
+      furthest = done;
+      end_position = estimate.position;
+    }
+    const bool strange = recent_fit.time() > kLeastFitTime && recent.time() > kLeastFitTime &&
+                         !recent_fit.fits(kRecentFit) && agreement < kStrange;
 
     const bool nearly = furthest > kStopProgress * whole;
-    if ((in_end && fits_now) || (nearly && still > kStopTime) ||
+    // Rests near the end, in a pose that is the last one's or his own first one.
+    resting = rests() ? resting + dt : 0.0;
+    const double left = static_cast<double>(frames - 1) - estimate.position;
+    const bool ends = resting > kShortRest && left < kLeastLeft * rate_hz && fits_now &&
+                      ((done > kRestProgress * whole && looks_like(last_pose)) ||
+                       (measure.cyclic && done > kLeaveProgress * whole &&
+                        features.distance_square(current.measured, current.weight, home) <
+                            square(measure.radius)));
+    if ((in_end && fits_now) || ends || (nearly && still > kStopTime) ||
         (nearly && done < furthest - kTurnProgress * whole)) {
       finish();  // at the end, or stopped or turned back just before it
     } else if (astray > kLostTime || at_start > kAtStartTime) {
@@ -304,6 +318,8 @@ struct Aligner::State {
       } else {
         enter(astray > kLostTime ? Phase::kLost : Phase::kWaiting);
       }
+    } else if (strange) {
+      refuse();
     } else if (phase == Phase::kMoving && still > kPauseTime) {
       enter(Phase::kPaused);
     } else if (phase == Phase::kPaused && still == 0.0 && estimate.tempo > kGoTempo) {
@@ -316,8 +332,30 @@ struct Aligner::State {
     return current.has_velocity && current.speed_square < square(kStandShare) * expert_speed_square;
   }
 
+  // Another motion that resembles this one.
+  void refuse() noexcept {
+    enter(Phase::kLost);
+    another = true;
+  }
+
+  // Enough of the path, the way the expert goes or near him.
+  bool counts() const noexcept {
+    return covered > kWholeProgress * measure.whole() && walked > kLeastDone * measure.whole() &&
+           !is_another() &&
+           (alike() || (!shallow && fit_sum <= kMeanFit * measure.lost_square * fit_path));
+  }
+  bool alike() const noexcept { return attempt.value().least > kAttemptAlike; }
+  bool is_another() const noexcept {
+    return !alike() && !attempt_fit.fits(kBestFit) && fit_sum > square(kRecentFit) * fit_path;
+  }
+
   void finish() noexcept {
-    if (covered > kWholeProgress * path.back() && fit_sum <= kMeanFit * lost_square * fit_path) {
+    if (is_another()) {
+      refuse();
+      covered = walked = furthest = fit_path = fit_sum = 0.0;
+      attempt_fit.clear();
+      attempt.clear();
+    } else if (counts()) {
       ++finished;
       repetition = finished;
       enter(Phase::kFinished);
@@ -326,36 +364,46 @@ struct Aligner::State {
     }
   }
 
-  void enter(Phase next) noexcept {
+  void enter(Phase next, bool stay = false) noexcept {
     if (next == Phase::kWaiting || next == Phase::kFinished) {
-      if (next == Phase::kFinished) end_position = estimate.position;
-      if (!waiting()) {
-        filter.start(start_zone);
+      if (!waiting() && !stay) {
+        filter.start(measure.start_zone);
         estimate = filter.estimate();
         since_start = kGiveUpTime;
       }
       covered = progress = 0.0;
-      furthest = fit_path = fit_sum = 0.0;
+      furthest = walked = fit_path = fit_sum = 0.0;
       repetition = finished;  // an attempt that was given up is none
+      attempt_fit.clear();
+      attempt.clear();
+      shallow = false;
+    }
+    if (!attempting()) {
+      another = false;
+      recent_fit.clear();
     }
     phase = next;
     in_phase = still = astray = at_start = found = 0.0;
   }
 
-  double distance_to_end() noexcept {
-    float pose_end = 0.0F, cross_end = 0.0F, speed_end = 0.0F;
-    features.compare(current, frames - 1, {{&pose_end, 1}, {&cross_end, 1}, {&speed_end, 1}});
-    return pose_end;
+  // A pose of the expert that fits about as well as where the learner is.
+  bool looks_like(const std::array<JointFeature, kJointCount>& expert) const noexcept {
+    return features.distance_square(current.orientation, current.weight, expert) <
+           square(std::sqrt(here_square) + measure.radius);
+  }
+  double distance_to_end() const noexcept {
+    return features.distance_square(current.orientation, current.weight, last_pose);
   }
 
   // Goes where the whole reference fits better than the window, if that lasts.
   void look_elsewhere(double time) noexcept {
     GlobalSearch::Found f;
     if (!search->update(current, time, estimate.position, f)) return;
-    const bool better = f.cost < match_square && f.cost < 0.5 * f.here &&
-                        std::sqrt(f.here) > std::sqrt(f.cost) + 4.0 * kDegree &&
-                        (!waiting() || (f.speed > 2.0 * kStillSpeed &&
-                                        path_at(f.position) < kLatestJoin * path.back()));
+    const bool better =
+        f.cost < measure.match_square && f.cost < 0.5 * f.here &&
+        std::sqrt(f.here) > std::sqrt(f.cost) + 4.0 * kDegree &&
+        (!waiting() || (f.speed > 2.0 * kStillSpeed &&
+                        measure.path_at(f.position) < kLatestJoin * measure.whole()));
     if (!better) {
       elsewhere_since = time;
       return;
@@ -365,7 +413,7 @@ struct Aligner::State {
     filter.relocate(f.position);
     estimate = filter.estimate();
     error_square = f.cost;
-    covered = std::min(covered, path_at(estimate.position));
+    covered = std::min(covered, measure.path_at(estimate.position));
     enter(Phase::kMoving);
   }
 
@@ -379,7 +427,7 @@ struct Aligner::State {
     double position = estimate.position;
     if (phase == Phase::kWaiting) {
       if (since_start >= kGiveUpTime)
-        position = std::min(position, static_cast<double>(start_zone));
+        position = std::min(position, static_cast<double>(measure.start_zone));
       out.tempo = 0.0;
     } else if (phase == Phase::kFinished) {
       end_position = std::min(end_position + dt * rate_hz, static_cast<double>(frames - 1));
@@ -391,42 +439,56 @@ struct Aligner::State {
   }
 
   void forget() noexcept {
-    history_size = 0;
-    history_last = 0;
+    stream.clear();
     if (search) search->reset();
   }
 
   void reset() noexcept {
-    filter.start(start_zone);
+    filter.start(measure.start_zone);
+    posture.clear();
+    agreement = resting = 0.0;
+    passing = shallow = false;
+    home = first;
     forget();
     has_last = false;
     estimate = filter.estimate();
     phase = Phase::kWaiting;
-    error_square = lost_square;
+    error_square = measure.lost_square;
     variance = confidence = 0.0;
     in_phase = still = astray = at_start = found = 0.0;
     covered = progress = end_position = furthest = 0.0;
-    fit_path = fit_sum = 0.0;
+    walked = fit_path = fit_sum = 0.0;
     since_start = kGiveUpTime;
     elsewhere_since = 0.0;
     finished = repetition = 0;
+    another = false;
+    attempt_fit.clear();
+    recent_fit.clear();
+    attempt.clear();
+    recent.clear();
     last = {};
+    posture.clear();
   }
 
   std::shared_ptr<const Reference> reference;
   double rate_hz;
   std::size_t frames;
   ReferenceFeatures features;
+  ReferenceMeasure measure;
   PositionFilter filter;
+  PostureOffset posture;
+  Likeness attempt, recent;  // over the attempt, and fading
   std::optional<GlobalSearch> search;
-  std::vector<float> pose, cross, speed;  // costs of the window's frames
-  std::vector<double> path;
-  double lost_square = 0.0, match_square = 0.0;
-  std::size_t start_zone = 1, end_zone = 0;
+  std::vector<float> pose, cross, speed;          // costs of the window's frames
+  double agreement = 0.0;                         // with the expert's way, of late: a correlation
+  std::array<JointFeature, kJointCount> first{};  // the expert's first pose
+  std::array<JointFeature, kJointCount> last_pose{};
+  bool shallow = false;                          // in this attempt: not as far as the expert
+  bool passing = false;                          // on to the next repetition without a break
+  std::array<JointFeature, kJointCount> home{};  // the learner's own start pose
 
+  LearnerStream stream;
   LearnerFeatures current;
-  std::array<Past, kHistory> history;
-  std::size_t history_size = 0, history_last = 0;
 
   bool has_last = false;
   std::int64_t first_ns = 0, last_ns = 0;
@@ -438,14 +500,18 @@ struct Aligner::State {
   double confidence = 0.0;
   double variance = 0.0;  // slow mean of the same
   Phase phase = Phase::kWaiting;
+  double resting = 0.0;
   double in_phase = 0.0, still = 0.0, astray = 0.0, at_start = 0.0, found = 0.0;  // [s]
   double covered = 0.0;                  // of the path in this attempt
   double progress = 0.0;                 // of the path since the last jump or misfit
+  double walked = 0.0;                   // of the path, without jumps
   double since_start = 0.0;              // the learner was seen in the start's neighbourhood [s]
   double fit_path = 0.0, fit_sum = 0.0;  // of the squared pose error along the path
-  double furthest = 0.0;                 // last position that fitted in this attempt
-  double end_position = 0.0;
-  double elsewhere_since = 0.0;  // another place has fitted better [s]
+  double furthest = 0.0;                 // of the path, among what fitted in this attempt
+  double end_position = 0.0;             // there; once finished it runs on [frames]
+  FitRecord attempt_fit, recent_fit;     // of the squared pose error's root at the estimate
+  bool another = false;                  // lost because this is another motion
+  double elsewhere_since = 0.0;          // another place has fitted better [s]
   std::uint32_t finished = 0, repetition = 0;
   std::uint64_t dropped = 0;
 };
@@ -479,7 +545,7 @@ AlignmentEstimate Aligner::update(std::int64_t stamp_ns, const Pose& learner) no
   const double gap =
       s.has_last ? static_cast<double>(stamp_ns - s.last_ns) * 1e-9 : 1.0 / s.rate_hz;
   if (gap > kLongestGap) s.forget();
-  if (!s.take(time, learner)) {
+  if (!s.stream.take(time, learner, s.features.weight(), s.posture, s.current)) {
     ++s.dropped;
     return s.last;
   }

@@ -7,10 +7,11 @@ namespace secondskin::coach {
 namespace {
 
 constexpr std::size_t kStride = 2;   // of the reference's frames: 30 Hz are enough to find a place
-constexpr std::size_t kPiece = 450;  // frames compared at a time: 15 s of reference
+constexpr std::size_t kPiece = 360;  // frames compared at a time: 12 s of reference
 constexpr double kMemory = 0.2;      // [s]
 constexpr double kFastest = 2.0;     // tempo
 constexpr float kVelocityWeight = 0.01F;  // [s^2]: 1 rad/s of wrong velocity is like 0.1 rad
+constexpr float kMostMismatch = 0.05F;    // [rad^2], of a velocity that a leap made up
 
 }  // namespace
 
@@ -67,7 +68,7 @@ void GlobalSearch::extend(std::size_t begin, std::size_t end) noexcept {
     // The velocity's distance at the tempo that explains it best.
     const float tempo = std::clamp(cross_[i] / (speed_[i] + 1e-3F), 0.0F, 2.0F);
     const float mismatch = learner_.speed_square + tempo * (tempo * speed_[i] - 2.0F * cross_[i]);
-    pose_[i] += kVelocityWeight * mismatch;
+    pose_[i] += std::min(kVelocityWeight * mismatch, kMostMismatch);
   }
   for (std::size_t i = 0; i < n; ++i) {
     const std::size_t at = begin + i;

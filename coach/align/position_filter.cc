@@ -20,6 +20,7 @@ constexpr double kPoseInformation = 0.6;  // share of the joints that counts as 
 constexpr double kVelocityInformation = 0.3;
 constexpr double kVelocityVariance = 0.5;  // [rad^2/s^2], (40 deg/s)^2
 constexpr double kVelocityRelative = 0.3;  // of the learner's squared speed
+constexpr float kSpeedShare = 0.45F;       // of the velocities' agreement: the speeds alone
 constexpr float kLeastLog = -40.0F;
 
 constexpr double kSupport = 0.15;  // half width of the neighbourhood that the estimate averages [s]
@@ -189,6 +190,10 @@ void PositionFilter::correct(const FrameCosts& costs, const LearnerFeatures& lea
   extend(costs.speed, speed_);
   const float least = *std::min_element(pose, pose + width_);
   const float common = learner.speed_square;
+  // Somebody who moves, though in a way of his own, is more likely where the expert moves.
+  for (std::size_t i = 0; i < cross_.size(); ++i) {
+    cross_[i] += kSpeedShare * (std::sqrt(common * speed_[i]) - cross_[i]);
+  }
 
   float total = 0.0F;
   for (std::size_t k = 0; k < kTempi; ++k) {

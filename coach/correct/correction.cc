@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "coach/correct/correction_model.h"
+#include "coach/correct/joint_selection.h"
 #include "motion/rotation.h"
 
 namespace secondskin::coach {
@@ -26,13 +27,15 @@ using Ipopt::Number;
 // Optimality. The price of a radian is 1.7 and the curvature at least 30, so this is well inside a
 // tenth of a degree.
 constexpr double kTolerance = 3e-3;
-constexpr double kFeasible = 1e-4;  // balance, [m]
-constexpr double kWarmBarrier = 3e-4;
-constexpr double kColdBarrier = 1e-2;
+constexpr double kFeasible = 1e-4;      // balance, [m]
+constexpr double kBarrier = 3e-4;       // where a solve starts on the central path
 constexpr double kSmallestRoom = 1e-4;  // a bound is never closer: no variable is ever fixed [rad]
 constexpr std::uint32_t kMostIterations = 100;
 constexpr Index kStuck = 25;  // so many in vain: the next solve starts cold
-constexpr std::size_t kFallbackJoints = 2;
+// A movement of the chosen joints that the selection moves by less than this pays most of the price
+// [rad].
+constexpr double kFewMovements = 1.0 * std::numbers::pi / 180.0;
+constexpr double kStartPush = 1e-3;  // from the bounds, of a start that the selection gives [rad]
 
 // MUMPS before Ipopt 3.14 is not safe in two threads of one process at once.
 std::mutex& mumps_mutex() {
@@ -69,6 +72,7 @@ class SplitProgramme final : public Ipopt::TNLP {
       : model_(model),
         n_(model.size()),
         m_(model.constraints()),
+        price_(n_, 0.0),
         delta_(n_, 0.0),
         gradient_(n_, 0.0),
         hessian_(n_ * n_, 0.0),
@@ -86,22 +90,34 @@ class SplitProgramme final : public Ipopt::TNLP {
     }
   }
 
-  void begin(const SolveLimit& limit, std::chrono::steady_clock::time_point start) {
+  /// @param selected  amounts that the selection found: what is small there costs more
+  void begin(const SolveLimit& limit, std::chrono::steady_clock::time_point start,
+             std::span<const double> selected) {
     limit_ = limit;
     began_ = start;
+    for (std::size_t i = 0; i < n_; ++i) {
+      price_[i] = model_.price() * kFewMovements / (kFewMovements + std::abs(selected[i]));
+    }
     iteration_ = 0;
     converged_ = feasible_seen_ = false;
     std::fill(best_.begin(), best_.end(), 0.0);
     current_ = start_;
   }
 
-  void keep_for_next() { start_ = current_; }
-  void forget() {
-    std::fill(start_.x.begin(), start_.x.end(), 0.0);
-    std::fill(start_.lower_multipliers.begin(), start_.lower_multipliers.end(), 1.0);
-    std::fill(start_.upper_multipliers.begin(), start_.upper_multipliers.end(), 1.0);
-    std::fill(start_.lambda.begin(), start_.lambda.end(), 0.0);
+  /// Starts where the selection ended, on the central path.
+  void start_from(std::span<const double> selected) {
+    for (std::size_t i = 0; i < 2 * n_; ++i) {
+      const std::size_t k = i % n_;
+      const double room = std::max(i < n_ ? model_.upper()[k] : -model_.lower()[k], kSmallestRoom);
+      const double wanted = std::max(0.0, i < n_ ? selected[k] : -selected[k]);
+      const double push = std::min(kStartPush, 0.5 * room);
+      start_.x[i] = std::clamp(wanted, push, room - push);
+      start_.lower_multipliers[i] = kBarrier / start_.x[i];
+      start_.upper_multipliers[i] = kBarrier / (room - start_.x[i]);
+    }
   }
+  void keep_for_next() { start_ = current_; }
+  void forget_balance() { std::fill(start_.lambda.begin(), start_.lambda.end(), 0.0); }
 
   bool converged() const { return converged_; }
   bool feasible_seen() const { return feasible_seen_; }
@@ -148,7 +164,7 @@ class SplitProgramme final : public Ipopt::TNLP {
   bool eval_f(Index, const Number* x, bool, Number& value) override {
     read(x);
     value = model_.cost(delta_);
-    for (std::size_t i = 0; i < 2 * n_; ++i) value += model_.price() * x[i];
+    for (std::size_t i = 0; i < n_; ++i) value += price_[i] * (x[i] + x[n_ + i]);
     return std::isfinite(value);
   }
 
@@ -156,8 +172,8 @@ class SplitProgramme final : public Ipopt::TNLP {
     read(x);
     model_.gradient(delta_, gradient_);
     for (std::size_t i = 0; i < n_; ++i) {
-      grad[i] = model_.price() + gradient_[i];
-      grad[n_ + i] = model_.price() - gradient_[i];
+      grad[i] = price_[i] + gradient_[i];
+      grad[n_ + i] = price_[i] - gradient_[i];
     }
     return true;
   }
@@ -188,12 +204,11 @@ class SplitProgramme final : public Ipopt::TNLP {
     return true;
   }
 
-  // Gauss-Newton: the curvature of the balance constraints is left out too.
-  bool eval_h(Index, const Number* x, bool, Number factor, Index, const Number*, bool, Index,
+  bool eval_h(Index, const Number* x, bool, Number factor, Index, const Number* lambda, bool, Index,
               Index* row, Index* column, Number* values) override {
     if (values != nullptr) {
       read(x);
-      model_.hessian(delta_, hessian_);
+      model_.exact_hessian(delta_, factor, {lambda, m_}, hessian_);
     }
     for (std::size_t e = 0; e < entries_.size(); ++e) {
       const auto [i, j] = entries_[e];
@@ -201,7 +216,7 @@ class SplitProgramme final : public Ipopt::TNLP {
         row[e] = static_cast<Index>(i);
         column[e] = static_cast<Index>(j);
       } else {
-        const double sign = (i < n_) == (j < n_) ? factor : -factor;
+        const double sign = (i < n_) == (j < n_) ? 1.0 : -1.0;
         values[e] = sign * hessian_[i % n_ * n_ + j % n_];
       }
     }
@@ -260,7 +275,7 @@ class SplitProgramme final : public Ipopt::TNLP {
 
   CorrectionModel& model_;
   std::size_t n_, m_;
-  std::vector<double> delta_, gradient_, hessian_, jacobian_;
+  std::vector<double> price_, delta_, gradient_, hessian_, jacobian_;
   std::vector<std::pair<std::size_t, std::size_t>> entries_;  ///< of the Hessian's lower triangle
   Iterate start_, current_;
   std::vector<double> best_;
@@ -300,20 +315,26 @@ void joint_errors(const Reference& reference, double reference_time, const Pose&
 struct CorrectionSolver::State {
   State(std::shared_ptr<const Reference> reference, const Skeleton& learner,
         const CorrectionOptions& options)
-      : model(std::move(reference), learner, options), programme(new SplitProgramme(model)) {
+      : model(std::move(reference), learner, options),
+        selection(model),
+        programme(new SplitProgramme(model)),
+        most(options.max_joints) {
     delta.assign(model.size(), 0.0);
+    selected.assign(model.size(), 0.0);
     fallback.assign(model.size(), 0.0);
     alone.assign(model.size(), 0.0);
   }
 
   CorrectionModel model;
+  JointSelection selection;
+  JointSet asked;  ///< by the last solve
   Ipopt::SmartPtr<SplitProgramme> programme;
   Ipopt::SmartPtr<Ipopt::IpoptApplication> application;
+  std::size_t most;
   bool warm = false;
-  std::vector<double> delta, fallback, alone;
+  std::vector<double> delta, selected, fallback, alone;
 
   void set_up();
-  void set_start(bool is_warm);
   void report(CorrectionResult& result);
 };
 
@@ -336,7 +357,7 @@ void CorrectionSolver::State::set_up() {
   text("linear_solver", "mumps");
   text("mu_strategy", "monotone");
   text("nlp_scaling_method", "none");
-  text("hessian_approximation", "exact");  // ours is Gauss-Newton, never L-BFGS
+  text("hessian_approximation", "exact");
   number("tol", kTolerance);
   number("constr_viol_tol", kFeasible);
   number("dual_inf_tol", 1e10);  // curr_nlp_error() <= tol alone decides, here as in the callback
@@ -344,8 +365,8 @@ void CorrectionSolver::State::set_up() {
   whole("acceptable_iter", 0);
   whole("max_iter", 2 * kMostIterations);  // the callback stops before
   number("bound_relax_factor", 0.0);       // bounds hold exactly at every iterate
-  number("bound_push", 1e-4);
-  number("bound_frac", 1e-2);
+  text("warm_start_init_point", "yes");
+  number("mu_init", kBarrier);
   number("warm_start_bound_push", 1e-3);
   number("warm_start_bound_frac", 1e-3);
   number("warm_start_slack_bound_push", 1e-3);
@@ -359,12 +380,6 @@ void CorrectionSolver::State::set_up() {
   if (!set || application->Initialize("") != Ipopt::Solve_Succeeded) {
     throw std::runtime_error("CorrectionSolver: Ipopt refuses its options");
   }
-}
-
-void CorrectionSolver::State::set_start(bool is_warm) {
-  const auto options = application->Options();
-  options->SetStringValue("warm_start_init_point", is_warm ? "yes" : "no");
-  options->SetNumericValue("mu_init", is_warm ? kWarmBarrier : kColdBarrier);
 }
 
 void CorrectionSolver::State::report(CorrectionResult& result) {
@@ -394,7 +409,7 @@ CorrectionSolver::CorrectionSolver(std::shared_ptr<const Reference> reference,
   for (Eigen::Quaterniond& q : first.learner.q_PB) q = quaternion_from({0.3, -0.5, 0.4});
   (void)solve(first, {.deadline = 10.0, .iterations = kMostIterations});
   state_->warm = false;
-  state_->programme->forget();
+  state_->asked.reset();
 }
 
 CorrectionSolver::~CorrectionSolver() = default;
@@ -417,8 +432,17 @@ CorrectionResult CorrectionSolver::solve(const CorrectionProblem& problem,
   }
 
   SplitProgramme& programme = *s.programme;
-  programme.begin(limit, start);
-  s.set_start(s.warm);
+  const JointSet chosen = s.selection.select(s.most, s.asked, s.selected);
+  if (!s.warm) programme.forget_balance();
+  if (!s.warm || chosen != s.asked) programme.start_from(s.selected);
+  s.asked = chosen;
+  if (chosen.none()) {  // no joint is worth its price
+    s.warm = false;
+    result.status = SolverStatus::kConverged;
+    result.solve_time = seconds_since(start);
+    return result;
+  }
+  programme.begin(limit, start, s.selected);
   bool failed = false;
   {
     const std::lock_guard lock(mumps_mutex());
@@ -434,7 +458,7 @@ CorrectionResult CorrectionSolver::solve(const CorrectionProblem& problem,
   // one beyond, so that a limit never stops it earlier.
   result.iterations = static_cast<std::uint32_t>(programme.iteration() + (failed ? 1 : 0));
 
-  s.model.closed_form(kFallbackJoints, s.fallback);
+  s.model.closed_form(s.most, s.fallback);
   const bool usable = programme.feasible_seen() && !failed;
   if (usable) std::copy(programme.best().begin(), programme.best().end(), s.delta.begin());
   if (usable && programme.converged()) {
@@ -448,11 +472,7 @@ CorrectionResult CorrectionSolver::solve(const CorrectionProblem& problem,
   s.report(result);
 
   s.warm = !failed && (programme.converged() || programme.iteration() < kStuck);
-  if (s.warm) {
-    programme.keep_for_next();
-  } else {
-    programme.forget();
-  }
+  if (s.warm) programme.keep_for_next();
   result.solve_time = seconds_since(start);
   return result;
 }

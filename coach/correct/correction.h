@@ -30,6 +30,7 @@ struct CorrectionProblem {
       zero_vectors();           ///< angular velocity of each joint, in its own frame [rad/s]
   double reference_time = 0.0;  ///< [s]
   double tempo = 1.0;
+  JointSet askable = JointSet().set();  ///< the others count, but are not asked to move
 };
 
 enum class SolverStatus : std::uint8_t { kNone, kConverged, kDeadline, kFallback };
@@ -47,7 +48,8 @@ struct CorrectionResult {
 struct CorrectionOptions {
   double horizon = 0.3;          ///< look-ahead in the learner's time [s]: human reaction
   double tolerance_scale = 1.0;  ///< of the reference's dead bands
-  double sparsity = 1.0;         ///< price of asking one more joint to move; 0 asks all
+  double sparsity = 1.0;         ///< price of asking one more joint to move; 0: none
+  std::size_t max_joints = 2;    ///< at most so many are asked to move
 };
 
 /// When a solve has to end. The live coach gives a deadline; a replay gives the iterations that the

@@ -17,7 +17,7 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kAngleScale = 10.0 * kDegree;
 constexpr double kPositionScale = 0.10;
 // Hands, feet and head: how much they count beside the joints, and what is near enough.
-constexpr double kTaskWeight = 0.5;
+constexpr double kTaskWeight = 1.0;
 constexpr double kTaskDeadBand = 0.03;
 // Rounding of the dead band's edge, as a share of the scale.
 constexpr double kRounding = 0.1;
@@ -81,6 +81,53 @@ Eigen::Matrix3d angle_rate(std::size_t joint, const JointAngles& angles) noexcep
   rate.col(1) = R_inner * axis[1];
   rate.col(static_cast<Eigen::Index>(outer)) = R_inner * (R_middle * axis[outer]);
   return rate;
+}
+
+// How that map changes with each angle, for eq. 10 and 11: element k has the columns
+// d(rate.col(i))/d(angles[k]).
+std::array<Eigen::Matrix3d, 3> angle_rate_change(std::size_t joint, const JointAngles& angles,
+                                                 const Eigen::Matrix3d& rate) noexcept {
+  const JointAnatomy& anatomy = canonical_anatomy()[joint];
+  std::array<Eigen::Matrix3d, 3> change;
+  for (Eigen::Matrix3d& m : change) m.setZero();
+  // A movement turns what is applied outside of it.
+  const auto turns = [&](Eigen::Index inner, Eigen::Index outer) {
+    change[static_cast<std::size_t>(inner)].col(outer) = rate.col(outer).cross(rate.col(inner));
+  };
+  if (anatomy.convention != AngleConvention::kSwingTwist) {
+    const bool vertical_first = anatomy.convention == AngleConvention::kCardanZXY;
+    const Eigen::Index outer = vertical_first ? 2 : 0, inner = vertical_first ? 0 : 2;
+    turns(inner, outer);
+    turns(inner, 1);
+    turns(1, outer);
+    return change;
+  }
+  turns(2, 0);
+  turns(2, 1);
+  const auto& axis = anatomy.axis;
+  const Eigen::Vector3d s = angles[0] * axis[0] + angles[1] * axis[1];
+  const double squared = s.squaredNorm(), angle = std::sqrt(squared);
+  const bool small = angle < 1e-2;
+  const double sine = std::sin(angle), cosine = std::cos(angle);
+  // J_r = I - a [s] + b [s]^2; da and db are the derivatives of a and b by |s|, over |s|.
+  const double a = small ? 0.5 - squared / 24.0 : (1.0 - cosine) / squared;
+  const double b = small ? 1.0 / 6.0 - squared / 120.0 : (angle - sine) / (squared * angle);
+  const double da = small ? -1.0 / 12.0 + squared / 180.0 : (sine / angle - 2.0 * a) / squared;
+  const double db =
+      small ? -1.0 / 60.0 + squared / 1260.0 : ((1.0 - cosine) / squared - 3.0 * b) / squared;
+  const Eigen::Matrix3d cross = cross_matrix(s);
+  const Eigen::Matrix3d R_twist =
+      quaternion_from(angles[2] * axis[2]).conjugate().toRotationMatrix();
+  for (std::size_t k = 0; k < 2; ++k) {
+    const Eigen::Matrix3d cross_k = cross_matrix(axis[k]);
+    const double along = s.dot(axis[k]);
+    const Eigen::Matrix3d dJ = -da * along * cross - a * cross_k + db * along * cross * cross +
+                               b * (cross_k * cross + cross * cross_k);
+    for (std::size_t i = 0; i < 2; ++i) {
+      change[k].col(static_cast<Eigen::Index>(i)) = R_twist * (dJ * axis[i]);
+    }
+  }
+  return change;
 }
 
 // The pelvis without its heading: the part of its orientation that gravity sees.
@@ -160,9 +207,9 @@ CorrectionModel::CorrectionModel(std::shared_ptr<const Reference> reference,
     for (std::optional<std::size_t> segment = j; segment; segment = skeleton_[*segment].parent) {
       moves_[*segment][j] = true;
     }
-    dead_band_[j] = reference_->tolerance[j] * options_.tolerance_scale;
   }
   price_ = std::max(kPrice * options_.sparsity, kLeastPrice) / kAngleScale;
+  joint_price_ = 0.5 * (kPrice * options_.sparsity) * (kPrice * options_.sparsity);
 
   double mass = 0.0;
   for (const Segment& segment : skeleton_.segments()) mass += segment.mass_fraction;
@@ -177,6 +224,8 @@ CorrectionModel::CorrectionModel(std::shared_ptr<const Reference> reference,
 
   lower_.assign(size(), 0.0);
   upper_.assign(size(), 0.0);
+  room_below_.assign(size(), 0.0);
+  room_above_.assign(size(), 0.0);
   balance_limit_.assign(constraints_, 0.0);
   Pose rest(kJointCount);
   pose({.frame = 0, .stamp_ns = 0, .learner = rest});
@@ -188,7 +237,9 @@ bool CorrectionModel::pose(const CorrectionProblem& problem) {
                      problem.learner.confidence.size() == kJointCount &&
                      std::isfinite(problem.reference_time) && std::isfinite(problem.tempo);
   if (!sound) {
-    open_.fill(false);
+    compared_.reset();
+    candidate_.reset();
+    open_.reset();
     tip_weight_.fill(0.0);
     std::fill(lower_.begin(), lower_.end(), 0.0);
     std::fill(upper_.begin(), upper_.end(), 0.0);
@@ -196,7 +247,7 @@ bool CorrectionModel::pose(const CorrectionProblem& problem) {
     return false;
   }
   predict(problem);
-  open_joints();
+  open_joints(problem.askable);
   bound();
   return true;
 }
@@ -215,6 +266,7 @@ void CorrectionModel::predict(const CorrectionProblem& problem) {
     const Eigen::Quaterniond& given = problem.learner.q_PB[j];
     const double confidence = problem.learner.confidence[j];
     const Eigen::Quaterniond q_ref = reference_rotation(*reference_, now, j);
+    dead_band_[j] = reference_->tolerance_at(now, j) * options_.tolerance_scale;
     measured_[j] = finite(given) && confidence > 0.0;
     const bool compared =
         measured_[j] && reference_->weight[j] > 0.0 &&
@@ -248,6 +300,8 @@ void CorrectionModel::predict(const CorrectionProblem& problem) {
           measured_[j] ? q * (q_ref.conjugate() * q_then) * quaternion_from(drift) : q;
       knots_[k].angles[j] = joint_angles(static_cast<Joint>(j), settle(predicted.normalized()));
       knots_[k].reference[j] = settle(q_then);
+      knots_[k].dead_band[j] =
+          reference_->tolerance_at(now + tempo * ahead, j) * options_.tolerance_scale;
     }
   }
 
@@ -297,29 +351,37 @@ void CorrectionModel::predict(const CorrectionProblem& problem) {
   }
 }
 
-void CorrectionModel::open_joints() {
+void CorrectionModel::open_joints(const JointSet& askable) {
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    double largest = present_error_[j].norm();
+    bool outside = present_error_[j].norm() > dead_band_[j];
     for (const Knot& knot : knots_) {
       const Eigen::Quaterniond q = joint_rotation(static_cast<Joint>(j), knot.angles[j]);
-      largest = std::max(largest, geodesic_distance(q, knot.reference[j]));
+      outside = outside || geodesic_distance(q, knot.reference[j]) > knot.dead_band[j];
     }
-    open_[j] = weight_[j] > 0.0 && largest > dead_band_[j];
+    compared_[j] = weight_[j] > 0.0 && outside;
   }
+  candidate_ = compared_ & askable;
+  open_ = candidate_;
+}
+
+void CorrectionModel::restrict_to(const JointSet& joints) noexcept {
+  open_ = candidate_ & joints;
+  for (std::size_t i = 0; i < size(); ++i) {
+    const bool open = open_[index(freedoms_[i].joint)];
+    lower_[i] = open ? room_below_[i] : 0.0;
+    upper_[i] = open ? room_above_[i] : 0.0;
+  }
+  placed_.clear();
 }
 
 bool CorrectionModel::coupled(std::size_t a, std::size_t b) const noexcept {
   const std::size_t i = index(freedoms_[a].joint), j = index(freedoms_[b].joint);
-  if (i == j) return true;
+  if (moves_[i][j] || moves_[j][i]) return true;
   for (const Joint end : {Joint::kLeftWrist, Joint::kRightWrist, Joint::kLeftAnkle,
                           Joint::kRightAnkle, Joint::kHead}) {
     if (moves_[i][index(end)] && moves_[j][index(end)]) return true;
   }
   return false;
-}
-
-bool CorrectionModel::has_error() const noexcept {
-  return std::any_of(open_.begin(), open_.end(), [](bool open) { return open; });
 }
 
 void CorrectionModel::bound() {
@@ -330,10 +392,10 @@ void CorrectionModel::bound() {
     const auto movement = static_cast<std::size_t>(freedoms_[i].movement);
     const AngleRange& range = anatomy[j].range[movement];
     const double fastest = anatomy[j].max_speed[movement];
-    // Eq. 6: the whole correction stays inside the joint's range, now and at every knot.
+    // Eq. 7: the whole correction stays inside the joint's range, now and at every knot.
     double low = range.min - present_angles_[j][movement];
     double high = range.max - present_angles_[j][movement];
-    // Eq. 7: so does its speed, at the peak of the movement and on the way from knot to knot.
+    // Eq. 8: so does its speed, at the peak of the movement and on the way from knot to knot.
     const double reach = fastest * options_.horizon / kPeakVelocity;
     low = std::max(low, -reach);
     high = std::min(high, reach);
@@ -350,11 +412,13 @@ void CorrectionModel::bound() {
       done = knot.share;
     }
     // A learner who is outside already need not come back, but must not go further.
-    lower_[i] = open_[j] ? std::min(low, 0.0) : 0.0;
-    upper_[i] = open_[j] ? std::max(high, 0.0) : 0.0;
+    room_below_[i] = open_[j] ? std::min(low, 0.0) : 0.0;
+    room_above_[i] = open_[j] ? std::max(high, 0.0) : 0.0;
   }
+  lower_ = room_below_;
+  upper_ = room_above_;
   if (constraints_ == 0) return;
-  // Eq. 8, at the last knot.
+  // Eq. 9, at the last knot.
   const std::vector<double> none(size(), 0.0);
   balance(none, balance_limit_);
   const bool legs = measured_[index(Joint::kLeftHip)] && measured_[index(Joint::kLeftKnee)] &&
@@ -391,6 +455,7 @@ void CorrectionModel::place_segments(std::span<const double> delta, std::size_t 
         if (i >= 0) angles[movement] += delta[static_cast<std::size_t>(i)];
       }
       placement.rate[j] = angle_rate(j, angles);
+      placement.angles[j] = angles;
     }
     const Eigen::Quaterniond q_PB = joint_rotation(static_cast<Joint>(j), angles);
     placement.error[j] = rotation_vector(q_PB.conjugate() * knot.reference[j]);
@@ -411,19 +476,25 @@ void CorrectionModel::place_segments(std::span<const double> delta, std::size_t 
 }
 
 double CorrectionModel::error(std::span<const double> delta) {
+  double sum = task_error(delta);
+  for (std::size_t k = 0; k < kKnots; ++k) {
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      if (!compared_[j]) continue;
+      sum += knots_[k].weight * weight_[j] *
+             Penalty(placement_[k].error[j], knots_[k].dead_band[j], kAngleScale).value;
+    }
+  }
+  return sum;
+}
+
+double CorrectionModel::task_error(std::span<const double> delta) {
   place(delta);
   double sum = 0.0;
   for (std::size_t k = 0; k < kKnots; ++k) {
-    double of_knot = 0.0;
-    for (std::size_t j = 0; j < kJointCount; ++j) {
-      if (!open_[j]) continue;
-      of_knot += weight_[j] * Penalty(placement_[k].error[j], dead_band_[j], kAngleScale).value;
-    }
     for (std::size_t t = 0; t < kTips; ++t) {
-      of_knot +=
-          tip_weight_[t] * Penalty(placement_[k].tip_error[t], kTaskDeadBand, kPositionScale).value;
+      sum += knots_[k].weight * tip_weight_[t] *
+             Penalty(placement_[k].tip_error[t], kTaskDeadBand, kPositionScale).value;
     }
-    sum += knots_[k].weight * of_knot;
   }
   return sum;
 }
@@ -467,7 +538,7 @@ void CorrectionModel::gradient(std::span<const double> delta, std::span<double> 
       if (!open_[j]) continue;
       // log(exp(-w) exp(e)) = e - J_l^-1(e) w, and e^T J_l^-1(e) = e^T.
       const Eigen::Vector3d& e = placement.error[j];
-      const double first = Penalty(e, dead_band_[j], kAngleScale).first;
+      const double first = Penalty(e, knots_[k].dead_band[j], kAngleScale).first;
       out[i] -= knots_[k].weight * weight_[j] * first *
                 e.dot(placement.rate[j].col(static_cast<Eigen::Index>(freedoms_[i].movement)));
       for (std::size_t t = 0; t < kTips; ++t) {
@@ -490,7 +561,7 @@ void CorrectionModel::hessian(std::span<const double> delta, std::span<double> o
     for (std::size_t j = 0; j < kJointCount; ++j) {
       if (!open_[j]) continue;
       const Eigen::Vector3d& e = placement.error[j];
-      const Penalty penalty(e, dead_band_[j], kAngleScale);
+      const Penalty penalty(e, knots_[k].dead_band[j], kAngleScale);
       const Eigen::Matrix3d D = right_jacobian_inverse(e).transpose() * placement.rate[j];
       const Eigen::Matrix3d block = knot_weight * weight_[j] *
                                     (penalty.first * (D.transpose() * D) +
@@ -504,28 +575,138 @@ void CorrectionModel::hessian(std::span<const double> delta, std::span<double> o
         }
       }
     }
+    add_task_hessian(k, out);
+  }
+}
+
+// The generalised Gauss-Newton part of hands, feet and head.
+void CorrectionModel::add_task_hessian(std::size_t k, std::span<double> out) const {
+  const Placement& placement = placement_[k];
+  const std::size_t n = size();
+  for (std::size_t t = 0; t < kTips; ++t) {
+    if (tip_weight_[t] == 0.0) continue;
+    const Eigen::Vector3d& d = placement.tip_error[t];
+    const Eigen::Vector3d p = d + knots_[k].tip[t];
+    const Penalty penalty(d, kTaskDeadBand, kPositionScale);
+    const double w = knots_[k].weight * tip_weight_[t];
+    std::array<std::size_t, 3 * kJointCount> moving{};
+    std::array<Eigen::Vector3d, 3 * kJointCount> column;
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+      const std::size_t j = index(freedoms_[i].joint);
+      if (!open_[j] || !moves_[j][index(tip_segment_[t])]) continue;
+      moving[count] = i;
+      column[count++] = lever(i, k, p);
+    }
+    for (std::size_t a = 0; a < count; ++a) {
+      for (std::size_t b = 0; b < count; ++b) {
+        out[moving[a] * n + moving[b]] +=
+            w * (penalty.first * column[a].dot(column[b]) +
+                 penalty.second * column[a].dot(d) * column[b].dot(d));
+      }
+    }
+  }
+}
+
+// The second derivative of a point's place by two movements: of one joint, or the first of a joint
+// nearer to the root. The point is moved by both (eq. 10).
+Eigen::Vector3d CorrectionModel::acceleration(std::size_t proximal, std::size_t distal,
+                                              std::size_t k, const Eigen::Vector3d& p) const {
+  const Placement& placement = placement_[k];
+  const std::size_t i = index(freedoms_[proximal].joint), j = index(freedoms_[distal].joint);
+  const auto a = static_cast<Eigen::Index>(freedoms_[proximal].movement);
+  const auto b = static_cast<Eigen::Index>(freedoms_[distal].movement);
+  const Eigen::Vector3d axis = placement.R_HB[i] * placement.rate[i].col(a);
+  Eigen::Vector3d second = axis.cross(lever(distal, k, p));
+  if (i == j) {
+    const Eigen::Vector3d turning = placement.rate[i].col(b).cross(placement.rate[i].col(a)) +
+                                    placement.rate_change[i][static_cast<std::size_t>(b)].col(a);
+    second += (placement.R_HB[i] * turning).cross(p - placement.p_HB[i]);
+  }
+  return second;
+}
+
+void CorrectionModel::exact_hessian(std::span<const double> delta, double factor,
+                                    std::span<const double> multipliers, std::span<double> out) {
+  place(delta);
+  const std::size_t n = size();
+  std::fill(out.begin(), out.end(), 0.0);
+  for (std::size_t i = 0; i < n; ++i) {
+    if (open_[index(freedoms_[i].joint)]) out[i * n + i] = kEffort / (kAngleScale * kAngleScale);
+  }
+  const auto add = [&](std::size_t row, std::size_t column, double value) {
+    out[row * n + column] += value;
+    if (row != column) out[column * n + row] += value;
+  };
+  for (std::size_t k = 0; k < kKnots; ++k) {
+    Placement& placement = placement_[k];
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      if (!open_[j]) continue;
+      const Eigen::Matrix3d& E = placement.rate[j];
+      placement.rate_change[j] = angle_rate_change(j, placement.angles[j], E);
+      // From the gradient -first E^T e and de/d(angles) = -J_l^-1(e) E; J_l^-1 = J_r^-T.
+      const Eigen::Vector3d& e = placement.error[j];
+      const Penalty penalty(e, knots_[k].dead_band[j], kAngleScale);
+      const Eigen::Vector3d pull = E.transpose() * e;
+      Eigen::Matrix3d block =
+          penalty.first * (E.transpose() * right_jacobian_inverse(e).transpose() * E) +
+          penalty.second * pull * pull.transpose();
+      for (std::size_t b = 0; b < 3; ++b) {
+        block.col(as_index(b)) -= penalty.first * placement.rate_change[j][b].transpose() * e;
+      }
+      for (std::size_t a = 0; a < 3; ++a) {
+        for (std::size_t b = 0; b < 3; ++b) {
+          const int row = freedom_of_[j][a], column = freedom_of_[j][b];
+          if (row < 0 || column < 0) continue;
+          // Symmetric but for rounding.
+          out[static_cast<std::size_t>(row) * n + static_cast<std::size_t>(column)] +=
+              0.5 * knots_[k].weight * weight_[j] *
+              (block(as_index(a), as_index(b)) + block(as_index(b), as_index(a)));
+        }
+      }
+    }
+    add_task_hessian(k, out);
+    // What Gauss-Newton leaves out: the curvature of the paths.
     for (std::size_t t = 0; t < kTips; ++t) {
       if (tip_weight_[t] == 0.0) continue;
       const Eigen::Vector3d& d = placement.tip_error[t];
       const Eigen::Vector3d p = d + knots_[k].tip[t];
-      const Penalty penalty(d, kTaskDeadBand, kPositionScale);
-      const double w = knot_weight * tip_weight_[t];
-      std::array<std::size_t, 3 * kJointCount> moving{};
-      std::array<Eigen::Vector3d, 3 * kJointCount> column;
-      std::size_t count = 0;
-      for (std::size_t i = 0; i < n; ++i) {
-        const std::size_t j = index(freedoms_[i].joint);
-        if (!open_[j] || !moves_[j][index(tip_segment_[t])]) continue;
-        moving[count] = i;
-        column[count++] = lever(i, k, p);
-      }
-      for (std::size_t a = 0; a < count; ++a) {
-        for (std::size_t b = 0; b < count; ++b) {
-          out[moving[a] * n + moving[b]] +=
-              w * (penalty.first * column[a].dot(column[b]) +
-                   penalty.second * column[a].dot(d) * column[b].dot(d));
+      const Eigen::Vector3d pull =
+          knots_[k].weight * tip_weight_[t] * Penalty(d, kTaskDeadBand, kPositionScale).first * d;
+      for (std::size_t a = 0; a < n; ++a) {
+        const std::size_t i = index(freedoms_[a].joint);
+        if (!open_[i] || !moves_[i][index(tip_segment_[t])]) continue;
+        for (std::size_t b = a; b < n; ++b) {  // canonical order: parents first
+          const std::size_t j = index(freedoms_[b].joint);
+          if (!open_[j] || !moves_[j][index(tip_segment_[t])]) continue;
+          add(a, b, pull.dot(acceleration(a, b, k, p)));
         }
       }
+    }
+  }
+  for (double& value : out) value *= factor;
+  if (constraints_ == 0) return;
+  // The constraints are directions of one offset, so their sum is one direction.
+  Eigen::Vector3d direction = Eigen::Vector3d::Zero();
+  for (std::size_t c = 0; c < kDirections; ++c) {
+    const double angle = 2.0 * std::numbers::pi * static_cast<double>(c) / kDirections;
+    direction += multipliers[c] * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.0);
+  }
+  std::array<Eigen::Vector3d, 4> points;
+  support(kLastKnot, points);
+  for (std::size_t b = 0; b < n; ++b) {
+    const std::size_t j = index(freedoms_[b].joint);
+    if (!open_[j]) continue;
+    const auto [share, centre] = moved_mass(j, kLastKnot);
+    for (std::size_t a = 0; a <= b; ++a) {
+      const std::size_t i = index(freedoms_[a].joint);
+      if (!open_[i] || !moves_[i][j]) continue;
+      Eigen::Vector3d second = share * acceleration(a, b, kLastKnot, centre);
+      for (std::size_t p = 0; p < points.size(); ++p) {
+        const std::size_t ankle = index(p < 2 ? Joint::kLeftAnkle : Joint::kRightAnkle);
+        if (moves_[j][ankle]) second -= 0.25 * acceleration(a, b, kLastKnot, points[p]);
+      }
+      add(a, b, direction.dot(second));
     }
   }
 }
@@ -539,6 +720,21 @@ Eigen::Vector3d CorrectionModel::mass_centre(std::size_t k) const {
     mass += m;
   }
   return moment / mass;
+}
+
+// The segments that a joint moves turn as one body about it.
+CorrectionModel::MovedMass CorrectionModel::moved_mass(std::size_t joint, std::size_t k) const {
+  Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+  double mass = 0.0, total = 0.0;
+  for (std::size_t s = 0; s < kJointCount; ++s) {
+    const double m = skeleton_[s].mass_fraction;
+    total += m;
+    if (!moves_[joint][s]) continue;
+    moment += m * (placement_[k].p_HB[s] + placement_[k].R_HB[s] * skeleton_[s].p_BC);
+    mass += m;
+  }
+  if (!(mass > 0.0)) return {0.0, Eigen::Vector3d::Zero()};
+  return {mass / total, moment / mass};
 }
 
 // Ankles and balls of both feet: a little inside the true soles.
@@ -567,25 +763,14 @@ void CorrectionModel::balance(std::span<const double> delta, std::span<double> o
 void CorrectionModel::balance_jacobian(std::span<const double> delta, std::span<double> out) {
   if (constraints_ == 0) return;
   place(delta);
-  const Placement& placement = placement_[kLastKnot];
   std::array<Eigen::Vector3d, 4> points;
   support(kLastKnot, points);
-  double total = 0.0;
-  for (const Segment& segment : skeleton_.segments()) total += segment.mass_fraction;
   for (std::size_t i = 0; i < size(); ++i) {
     const std::size_t j = index(freedoms_[i].joint);
     Eigen::Vector3d velocity = Eigen::Vector3d::Zero();
     if (open_[j]) {
-      // The moved segments turn as one body about the joint.
-      Eigen::Vector3d moment = Eigen::Vector3d::Zero();
-      double mass = 0.0;
-      for (std::size_t s = 0; s < kJointCount; ++s) {
-        if (!moves_[j][s]) continue;
-        const double m = skeleton_[s].mass_fraction;
-        moment += m * (placement.p_HB[s] + placement.R_HB[s] * skeleton_[s].p_BC);
-        mass += m;
-      }
-      if (mass > 0.0) velocity += lever(i, kLastKnot, moment / mass) * (mass / total);
+      const auto [share, centre] = moved_mass(j, kLastKnot);
+      velocity += share * lever(i, kLastKnot, centre);
       for (std::size_t p = 0; p < points.size(); ++p) {
         const std::size_t ankle = index(p < 2 ? Joint::kLeftAnkle : Joint::kRightAnkle);
         if (moves_[j][ankle]) velocity -= 0.25 * lever(i, kLastKnot, points[p]);
@@ -639,6 +824,15 @@ void CorrectionModel::targets(std::span<const double> delta, JointVectors& targe
   }
 }
 
+bool CorrectionModel::balanced(std::span<const double> delta) {
+  std::array<double, kDirections> offset;
+  balance(delta, offset);
+  for (std::size_t c = 0; c < constraints_; ++c) {
+    if (offset[c] > balance_limit_[c] + 1e-9) return false;
+  }
+  return true;
+}
+
 void CorrectionModel::closed_form(std::size_t count, std::span<double> delta) {
   std::fill(delta.begin(), delta.end(), 0.0);
   std::array<std::size_t, kJointCount> order;
@@ -668,7 +862,7 @@ void CorrectionModel::closed_form(std::size_t count, std::span<double> delta) {
       delta[at] = std::clamp(amount(as_index(movement)), lower_[at], upper_[at]);
     }
     const double then = error(delta);
-    if (then < remaining) {
+    if (then < remaining && balanced(delta)) {
       remaining = then;
       ++taken;
       continue;

@@ -45,24 +45,34 @@ class CorrectionModel {
 
   /// The movements in the order of delta; 51 for the canonical body.
   std::span<const DegreeOfFreedom> freedoms() const noexcept { return freedoms_; }
+  /// A joint's places in delta, by Movement; -1 for a movement that it does not have.
+  const std::array<int, 3>& freedoms_of(std::size_t joint) const noexcept {
+    return freedom_of_[joint];
+  }
   std::size_t size() const noexcept { return freedoms_.size(); }
   /// Number of balance constraints: 8 when the reference is standing, else 0.
   std::size_t constraints() const noexcept { return constraints_; }
   /// Price of a radian of correction [1/rad], for either sign.
   double price() const noexcept { return price_; }
+  /// Price of asking a joint at all: what the price of its movements would leave uncorrected.
+  double joint_price() const noexcept { return joint_price_; }
 
   /// Fixes the problem: predicts the learner, places the reference, opens the joints that may be
   /// asked, computes the bounds. @returns false when the learner's pose has not 22 joints or the
   /// time or tempo is not finite; the model then holds a problem without error.
   bool pose(const CorrectionProblem& problem);
 
+  /// Leaves open only these joints of those that pose() opened; the error of the others counts on.
+  void restrict_to(const JointSet& joints) noexcept;
+
   /// Whether any joint may be asked.
-  bool has_error() const noexcept;
-  bool is_open(std::size_t joint) const noexcept { return open_[joint]; }
-  /// Bounds of delta: 0 is always inside (eq. 6, 7). [rad]
+  bool has_error() const noexcept { return open_.any(); }
+  /// The joints that may be asked.
+  const JointSet& open() const noexcept { return open_; }
+  /// Bounds of delta: 0 is always inside (eq. 7, 8). [rad]
   std::span<const double> lower() const noexcept { return lower_; }
   std::span<const double> upper() const noexcept { return upper_; }
-  /// Upper bounds of balance(): 0 is always feasible (eq. 8). [m]
+  /// Upper bounds of balance(): 0 is always feasible (eq. 9). [m]
   std::span<const double> balance_limit() const noexcept { return balance_limit_; }
 
   /// The smooth cost (eq. 1 without the price).
@@ -71,8 +81,12 @@ class CorrectionModel {
   void gradient(std::span<const double> delta, std::span<double> out);
   /// Its generalised Gauss-Newton matrix, positive semidefinite, row-major size() x size().
   void hessian(std::span<const double> delta, std::span<double> out);
-  /// Whether the matrix can ever have an entry there: both movements are of one joint, or move the
-  /// same hand, foot or head.
+  /// The exact Hessian of the Lagrangian: `factor` times the cost's and the balance constraints'
+  /// times their multipliers; not always positive. Row-major size() x size().
+  void exact_hessian(std::span<const double> delta, double factor,
+                     std::span<const double> multipliers, std::span<double> out);
+  /// Whether either matrix can ever have an entry there: both movements are of one joint or one
+  /// limb, or move the same hand, foot or head.
   bool coupled(std::size_t a, std::size_t b) const noexcept;
   /// The centre of mass over the support in eight directions [m].
   void balance(std::span<const double> delta, std::span<double> out);
@@ -81,16 +95,18 @@ class CorrectionModel {
 
   /// The cost without the effort term: the weighted error that a correction is to remove.
   double error(std::span<const double> delta);
+  /// Of it, the task-space error of hands, feet and head.
+  double task_error(std::span<const double> delta);
 
   /// The correction as a rotation vector of each joint at the learner's present pose; a correction
   /// that would leave the joint's limits there is shortened to its last part inside.
   void targets(std::span<const double> delta, JointVectors& target) const;
   /// The closed form: up to `count` joints, the largest weighted error beyond the dead band first,
   /// each corrected to the edge of its dead band inside the bounds; one that would make the whole
-  /// worse is passed over.
+  /// worse, or carry the centre of mass beyond the support, is passed over.
   void closed_form(std::size_t count, std::span<double> delta);
 
-  /// Pose error beyond which a joint counts [rad].
+  /// Pose error beyond which a joint counts, at the problem's reference time [rad].
   double dead_band(std::size_t joint) const noexcept { return dead_band_[joint]; }
 
  private:
@@ -106,24 +122,38 @@ class CorrectionModel {
     double weight = 0.0;                            ///< eq. 2
     std::array<JointAngles, kJointCount> angles{};  ///< the learner's, predicted
     JointRotations reference{};
-    std::array<Eigen::Vector3d, kTips> tip{};  ///< the reference's, in H
+    std::array<double, kJointCount> dead_band{};  ///< [rad]
+    std::array<Eigen::Vector3d, kTips> tip{};     ///< the reference's, in H
   };
   struct Placement {  ///< of one knot at the present delta
     std::array<Eigen::Matrix3d, kJointCount> R_HB;
     std::array<Eigen::Vector3d, kJointCount> p_HB;
-    std::array<Eigen::Matrix3d, kJointCount> rate;   ///< w_PB_B = rate * d(angles)/dt
+    std::array<Eigen::Matrix3d, kJointCount> rate;  ///< w_PB_B = rate * d(angles)/dt
+    std::array<JointAngles, kJointCount> angles;
+    /// Its derivative by each movement; only where exact_hessian needed it.
+    std::array<std::array<Eigen::Matrix3d, 3>, kJointCount> rate_change;
     std::array<Eigen::Vector3d, kJointCount> error;  ///< log(q_PB^-1 q_PB_reference)
     std::array<Eigen::Vector3d, kTips> tip_error;    ///< learner - reference
   };
 
+  struct MovedMass {
+    double share;            ///< of the body's
+    Eigen::Vector3d centre;  ///< in H [m]
+  };
+
+  bool balanced(std::span<const double> delta);
   void predict(const CorrectionProblem& problem);
-  void open_joints();
+  void open_joints(const JointSet& askable);
   void bound();
   void place(std::span<const double> delta);
   void place_segments(std::span<const double> delta, std::size_t knot);
+  void add_task_hessian(std::size_t knot, std::span<double> out) const;
+  Eigen::Vector3d acceleration(std::size_t proximal, std::size_t distal, std::size_t knot,
+                               const Eigen::Vector3d& p) const;
   double tip_weight(std::size_t tip) const noexcept;
   Eigen::Vector3d lever(std::size_t freedom, std::size_t knot, const Eigen::Vector3d& p) const;
   Eigen::Vector3d mass_centre(std::size_t knot) const;
+  MovedMass moved_mass(std::size_t joint, std::size_t knot) const;
   void support(std::size_t knot, std::array<Eigen::Vector3d, 4>& points) const;
 
   std::shared_ptr<const Reference> reference_;
@@ -134,11 +164,12 @@ class CorrectionModel {
   std::array<std::array<bool, kJointCount>, kJointCount> moves_{};  ///< [joint][segment]
   std::array<double, kJointCount> dead_band_{};
   std::size_t constraints_ = 0;
-  double price_ = 0.0;
+  double price_ = 0.0, joint_price_ = 0.0;
 
   std::array<double, kJointCount> weight_{};  ///< of this problem; 0 where not compared
   std::array<bool, kJointCount> measured_{};
-  std::array<bool, kJointCount> open_{};
+  JointSet compared_;  ///< outside the dead band: their error counts
+  JointSet candidate_, open_;
   std::array<JointAngles, kJointCount> present_angles_{};
   JointRotations present_{};
   JointVectors present_error_{};
@@ -146,7 +177,8 @@ class CorrectionModel {
   std::array<double, kTips> tip_weight_{};
   std::array<Knot, kKnots> knots_{};
   std::vector<double> lower_, upper_, balance_limit_;
-  std::vector<double> placed_;  ///< the delta that placement_ is of
+  std::vector<double> room_below_, room_above_;  ///< the bounds with every candidate open
+  std::vector<double> placed_;                   ///< the delta that placement_ is of
   std::array<Placement, kKnots> placement_{};
 };
 

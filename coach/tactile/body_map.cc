@@ -1,65 +1,12 @@
 #include "coach/tactile/body_map.h"
 
 #include <fmt/format.h>
-#include <toml++/toml.h>
-
-#include <algorithm>
-#include <cmath>
 #include <numbers>
-#include <stdexcept>
+
+#include "motion/toml_fields.h"
 
 namespace secondskin::coach {
 namespace {
-
-// Reads fields of one table and says where it went wrong.
-class FieldReader {
- public:
-  FieldReader(const std::filesystem::path& file, const toml::table& table)
-      : file_(file), table_(table) {}
-
-  [[noreturn]] void fail(std::string_view field, std::string_view expected) const {
-    const toml::node* node = table_.get(field);
-    const auto line = (node ? node->source() : table_.source()).begin.line;
-    throw std::runtime_error(fmt::format("{}:{}: {}: {}expected {}", file_.string(), line, field,
-                                         node ? "" : "missing, ", expected));
-  }
-
-  void allow(std::initializer_list<std::string_view> known) const {
-    for (const auto& [key, node] : table_) {
-      if (std::find(known.begin(), known.end(), key.str()) != known.end()) continue;
-      throw std::runtime_error(fmt::format("{}:{}: {}: unknown, expected one of {}", file_.string(),
-                                           key.source().begin.line, key.str(),
-                                           fmt::join(known, ", ")));
-    }
-  }
-
-  std::string text(std::string_view field, std::string_view expected) const {
-    const auto value = table_[field].value_exact<std::string>();
-    if (!value || value->empty()) fail(field, expected);
-    return *value;
-  }
-
-  double number(std::string_view field, double low, double high) const {
-    const toml::node* node = table_.get(field);
-    const auto value = node && node->is_number() ? node->value<double>() : std::nullopt;
-    if (!value || !(*value >= low && *value <= high)) {
-      fail(field, fmt::format("a number from {} to {}", low, high));
-    }
-    return *value;
-  }
-
-  std::size_t whole(std::string_view field, std::int64_t low, std::int64_t high) const {
-    const auto value = table_[field].value_exact<std::int64_t>();
-    if (!value || *value < low || *value > high) {
-      fail(field, fmt::format("a whole number from {} to {}", low, high));
-    }
-    return static_cast<std::size_t>(*value);
-  }
-
- private:
-  const std::filesystem::path& file_;
-  const toml::table& table_;
-};
 
 // Angles are counted about the vertical of the rest pose, so the segment must lie along it.
 bool upright_at_rest(Joint joint) {
@@ -76,8 +23,9 @@ bool upright_at_rest(Joint joint) {
   }
 }
 
-Tactor read_tactor(const FieldReader& in) {
-  in.allow({"channel", "segment", "along", "angle_deg", "actuator", "threshold", "ceiling"});
+Tactor read_tactor(const TomlFields& in) {
+  in.allow({"channel", "segment", "along", "angle_deg", "actuator", "threshold", "ceiling",
+            "acceleration"});
   Tactor tactor;
   tactor.channel = in.whole("channel", 0, wire::kTactorCount - 1);
 
@@ -102,20 +50,24 @@ Tactor read_tactor(const FieldReader& in) {
   tactor.threshold = in.number("threshold", 0.0, 1.0);
   tactor.ceiling = in.number("ceiling", 0.0, 1.0);
   if (tactor.ceiling < tactor.threshold) in.fail("ceiling", "at least the threshold");
+  tactor.acceleration = in.has("acceleration") ? in.number("acceleration", 0.0, 100.0)
+                                               : default_acceleration(tactor.actuator);
   return tactor;
 }
 
 }  // namespace
 
+double default_acceleration(wire::Actuator actuator) noexcept {
+  // Weights Wh of ISO 5349-1 (docs/tactile.md, "Exposure").
+  constexpr double kWeightAt250Hz = 0.0634, kWeightAt200Hz = 0.0799;
+  constexpr double kVoiceCoilSkin = 100.0, kDcMotorSkin = 25.0;  // assumed, unweighted r.m.s.
+  return actuator == wire::Actuator::kVoiceCoil ? kWeightAt250Hz * kVoiceCoilSkin
+                                                : kWeightAt200Hz * kDcMotorSkin;
+}
+
 BodyMap BodyMap::load(const std::filesystem::path& file) {
-  toml::table table;
-  try {
-    table = toml::parse_file(file.string());
-  } catch (const toml::parse_error& error) {
-    const auto line = error.source().begin.line;
-    throw std::runtime_error(fmt::format("{}:{}: {}", file.string(), line, error.description()));
-  }
-  const FieldReader in(file, table);
+  const toml::table table = parse_toml(file);
+  const TomlFields in(file, table);
   in.allow({"name", "cue", "tactor"});
   BodyMap map;
   map.name = in.text("name", "a name");
@@ -124,12 +76,7 @@ BodyMap BodyMap::load(const std::filesystem::path& file) {
   if (cue != "repulsive" && cue != "attractive") in.fail("cue", kCues);
   map.repulsive = cue == "repulsive";
 
-  const toml::array* tactors = table["tactor"].as_array();
-  if (tactors == nullptr || tactors->empty()) in.fail("tactor", "one to sixteen [[tactor]] tables");
-  for (const toml::node& node : *tactors) {
-    const toml::table* entry = node.as_table();
-    if (entry == nullptr) in.fail("tactor", "one to sixteen [[tactor]] tables");
-    const FieldReader fields(file, *entry);
+  in.each("tactor", [&](const TomlFields& fields) {
     const Tactor tactor = read_tactor(fields);
     for (const Tactor& other : map.tactors) {
       if (other.channel == tactor.channel) {
@@ -137,7 +84,7 @@ BodyMap BodyMap::load(const std::filesystem::path& file) {
       }
     }
     map.tactors.push_back(tactor);
-  }
+  });
   return map;
 }
 

@@ -26,14 +26,16 @@ TEST(Aligner, AllocatesNothingPerFrame) {
       const long before = allocations;
       for (std::size_t i = 0; i < learner.poses.size(); ++i) {
         const auto at = stamp(static_cast<double>(i) / 60.0);
-        const auto e = aligner.update(at, learner.poses[i * 7 % learner.poses.size()]);
-        if (scorer.update(at, e, error, i)) ++scores;
+        const Pose& pose = learner.poses[i * 7 % learner.poses.size()];
+        const auto e = aligner.update(at, pose);
+        if (scorer.update(at, pose, e, error, i)) ++scores;
         (void)aligner.update(at + 1, wrong);
       }
       aligner.reset();
       for (std::size_t i = 0; i < learner.poses.size(); ++i) {
         const auto at = stamp(100.0 + static_cast<double>(i) / 60.0);
-        if (scorer.update(at, aligner.update(at, learner.poses[i]), error, i)) ++scores;
+        const Pose& pose = learner.poses[i];
+        if (scorer.update(at, pose, aligner.update(at, pose), error, i)) ++scores;
       }
       if (scorer.finish()) ++scores;
       EXPECT_EQ(allocations - before, 0) << name;

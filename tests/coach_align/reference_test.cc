@@ -103,6 +103,59 @@ TEST_F(ReferenceFolder, SaysFileLineFieldAndWhatWasExpected) {
   EXPECT_THAT(complaint("name = \"torn\n"), HasSubstr("motion.toml:1"));
 }
 
+TEST_F(ReferenceFolder, MirrorsEverythingWhenAskedTo) {
+  const std::string toml =
+      "[weights]\ndefault = 0.5\nleft_knee = 1\n[tolerances_deg]\nright_elbow = 25\n";
+  const Reference plain = load(toml);
+  const Reference other = load("mirrored = true\n" + toml);
+  EXPECT_DOUBLE_EQ(other.weight[index(Joint::kRightKnee)], 1.0);
+  EXPECT_DOUBLE_EQ(other.weight[index(Joint::kLeftKnee)], 0.5);
+  EXPECT_DOUBLE_EQ(other.tolerance[index(Joint::kLeftElbow)], 25.0 * kDegree);
+  ASSERT_EQ(other.motion.poses.size(), plain.motion.poses.size());
+  for (std::size_t i = 0; i < plain.motion.poses.size(); i += 10) {
+    EXPECT_LT(rms_distance(other.motion.poses[i], secondskin::mirrored(plain.motion.poses[i])),
+              1e-9);
+  }
+  const auto& left = plain.motion.skeleton[index(Joint::kLeftHip)].p_PB;
+  const auto& right = other.motion.skeleton[index(Joint::kRightHip)].p_PB;
+  EXPECT_LT((right - Eigen::Vector3d(left.x(), -left.y(), left.z())).norm(), 1e-12);
+}
+
+TEST_F(ReferenceFolder, AveragesItsExpertsAndWidensTheToleranceWhereTheyDiffer) {
+  const std::string toml =
+      "[tolerances_deg]\ndefault = 10\n[widest_tolerances_deg]\ndefault = 24\n";
+  const Motion expert = load(toml).motion;
+  Motion second = expert;
+  for (Pose& pose : second.poses) {
+    pose.q_PB[index(Joint::kLeftKnee)] =
+        pose.q_PB[index(Joint::kLeftKnee)] * quaternion_from({0.0, 0.2, 0.0});
+    pose.q_PB[index(Joint::kRightElbow)] =
+        pose.q_PB[index(Joint::kRightElbow)] * quaternion_from({0.0, -1.0, 0.0});
+  }
+  write_bvh(second, folder_ / "expert_2.bvh");
+  const Reference r = load(toml);
+  EXPECT_EQ(r.experts, 2U);
+  ASSERT_EQ(r.band.size(), r.motion.poses.size());
+  // Two 0.2 rad apart have a standard deviation of 0.2 / sqrt(2); the band is twice that.
+  EXPECT_NEAR(r.tolerance_at(0.0, index(Joint::kLeftKnee)), 0.4 / std::numbers::sqrt2, 0.03);
+  EXPECT_NEAR(r.tolerance_at(0.0, index(Joint::kRightElbow)), 24.0 * kDegree, 1e-9);
+  EXPECT_NEAR(r.tolerance_at(0.0, index(Joint::kLeftElbow)), 10.0 * kDegree, 1e-9);
+  EXPECT_EQ(r.tolerance_at(-5.0, index(Joint::kLeftKnee)),
+            r.tolerance_at(0.0, index(Joint::kLeftKnee)));
+  EXPECT_NEAR(r.tolerance_at(1e9, index(Joint::kLeftElbow)), 10.0 * kDegree, 1e-9);
+}
+
+TEST_F(ReferenceFolder, JoinsSeveralIntoOneReference) {
+  load("name = \"mine\"\nstanding = true\n");
+  const std::vector<fs::path> both{folder_, kReferences / "squat" / "motion.bvh"};
+  const Reference r = load_reference(both, kJointMaps);
+  EXPECT_EQ(r.name, "mine+motion");
+  EXPECT_EQ(r.experts, 2U);
+  EXPECT_TRUE(r.standing);
+  EXPECT_FALSE(r.band.empty());
+  EXPECT_THROW(load_reference(std::span<const fs::path>(), kJointMaps), std::invalid_argument);
+}
+
 TEST_F(ReferenceFolder, MissesWhatIsNotThere) {
   EXPECT_THROW(load_reference(folder_, kJointMaps), std::runtime_error);  // no motion.toml
   EXPECT_THROW(load_reference(folder_ / "nothing", kJointMaps), std::runtime_error);

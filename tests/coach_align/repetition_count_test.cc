@@ -59,17 +59,27 @@ INSTANTIATE_TEST_SUITE_P(ReferenceMotions, RepetitionCount,
                          ::testing::Values(Case{"low_block", 3}, Case{"roundhouse_kick", 1},
                                            Case{"stepping_punch", 2}, Case{"knife_hand_block", 3},
                                            Case{"squat", 1}, Case{"jumping_jack", 2},
-                                           Case{"wave_hello", 1}),
+                                           Case{"wave_hello", 1}, Case{"deep_squat", 3},
+                                           Case{"sit_to_stand", 3}, Case{"shoulder_abduction", 3}),
                          [](const auto& info) { return info.param.name; });
 
 TEST(Repetitions, AreNotCountedInAnotherMotion) {
-  for (const char* reference : {"roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
-    for (const char* learner : {"low_block", "stepping_punch", "roundhouse_kick", "squat",
-                                "jumping_jack", "wave_hello"}) {
+  for (const char* reference : {"low_block", "stepping_punch", "knife_hand_block",
+                                "roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
+    for (const char* learner : {"low_block", "stepping_punch", "knife_hand_block",
+                                "roundhouse_kick", "squat", "jumping_jack", "wave_hello"}) {
       if (std::string(reference) == learner) continue;
       EXPECT_EQ(count(shipped(reference), shipped_learner(learner), 62.5).finished, 0)
           << learner << " followed in " << reference;
     }
+  }
+}
+
+// In joint angles a squat and sitting down on a chair are much the same; the arm is not.
+TEST(Repetitions, OfAnArmAreNotCountedInTheLegsExercisesNorTheOtherWayRound) {
+  for (const char* legs : {"deep_squat", "sit_to_stand", "squat"}) {
+    EXPECT_EQ(count(shipped(legs), shipped_learner("shoulder_abduction"), 62.5).finished, 0);
+    EXPECT_EQ(count(shipped("shoulder_abduction"), shipped_learner(legs), 62.5).finished, 0);
   }
 }
 

@@ -149,6 +149,48 @@ TEST(CorrectionModel, HessianIsTheTrueOneNearZeroError) {
   }
 }
 
+TEST(CorrectionModel, ExactHessianAgreesWithDifferences) {
+  std::mt19937 generator(7);
+  Reference reference = moving_reference();
+  reference.standing = true;
+  CorrectionModel model(shared(reference), canonical_skeleton(1.6), {});
+  const std::size_t n = model.size(), m = model.constraints();
+  std::vector<double> hessian(n * n), above(n), below(n), jacobian(m * n), multipliers(m);
+  std::uniform_real_distribution<double> multiplier(0.0, 20.0);
+  const auto slope = [&](std::span<const double> delta, std::vector<double>& out) {
+    model.gradient(delta, out);
+    for (double& value : out) value *= 0.5;
+    model.balance_jacobian(delta, jacobian);
+    for (std::size_t c = 0; c < m; ++c) {
+      for (std::size_t i = 0; i < n; ++i) out[i] += multipliers[c] * jacobian[c * n + i];
+    }
+  };
+  for (int draw = 0; draw < 100; ++draw) {
+    ASSERT_TRUE(model.pose(random_problem(generator)));
+    std::vector<double> delta = random_inside(generator, model);
+    for (double& value : multipliers) value = multiplier(generator);
+    model.exact_hessian(delta, 0.5, multipliers, hessian);
+    const double largest =
+        Eigen::Map<const Eigen::VectorXd>(hessian.data(), static_cast<Eigen::Index>(n * n))
+            .cwiseAbs()
+            .maxCoeff();
+    for (std::size_t i = 0; i < n; ++i) {
+      const double at = delta[i], step = 1e-6;
+      delta[i] = at + step;
+      slope(delta, above);
+      delta[i] = at - step;
+      slope(delta, below);
+      delta[i] = at;
+      for (std::size_t k = 0; k < n; ++k) {
+        ASSERT_NEAR(hessian[i * n + k], (above[k] - below[k]) / (2.0 * step), 1e-6 * largest)
+            << "draw " << draw << ", " << joint_name(model.freedoms()[i].joint) << " " << i << ", "
+            << joint_name(model.freedoms()[k].joint) << " " << k;
+        ASSERT_TRUE(model.coupled(i, k) || hessian[i * n + k] == 0.0);
+      }
+    }
+  }
+}
+
 TEST(CorrectionModel, ZeroIsAlwaysInsideTheBounds) {
   std::mt19937 generator(5);
   Reference reference = moving_reference();
@@ -169,6 +211,48 @@ TEST(CorrectionModel, ZeroIsAlwaysInsideTheBounds) {
     for (std::size_t c = 0; c < balance.size(); ++c)
       ASSERT_LE(balance[c], model.balance_limit()[c]);
   }
+}
+
+TEST(CorrectionModel, ClosedFormCorrectsTheLargestErrorsToTheirDeadBand) {
+  CorrectionModel model(shared(still_reference(Pose(kJointCount))), canonical_skeleton(), {});
+  CorrectionProblem problem;
+  problem.learner = Pose(kJointCount);
+  const auto bend = [&](Joint joint, const JointAngles& angles) {
+    problem.learner.q_PB[index(joint)] = joint_rotation(joint, angles);
+  };
+  bend(Joint::kLeftElbow, {50 * kDegree, 0, 0});
+  bend(Joint::kRightKnee, {40 * kDegree, 0, 0});
+  bend(Joint::kHead, {0, 0, 20 * kDegree});
+  ASSERT_TRUE(model.pose(problem));
+  std::vector<double> delta(model.size());
+  model.closed_form(2, delta);
+  for (std::size_t i = 0; i < model.size(); ++i) {
+    const auto [joint, movement] = model.freedoms()[i];
+    const bool flexion = movement == Movement::kFlexion;
+    const double expected = joint == Joint::kLeftElbow && flexion   ? -40 * kDegree
+                            : joint == Joint::kRightKnee && flexion ? -30 * kDegree
+                                                                    : 0.0;
+    EXPECT_NEAR(delta[i], expected, 1e-3) << joint_name(joint);
+  }
+}
+
+// Where experts differ the learner is free.
+TEST(CorrectionModel, TakesTheDeadBandOfTheInstant) {
+  Reference reference = still_reference(Pose(kJointCount));
+  reference.band.assign(reference.motion.poses.size(), reference.tolerance);
+  for (std::size_t f = 300; f < reference.band.size(); ++f) {
+    reference.band[f][index(Joint::kHead)] = 30 * kDegree;
+  }
+  CorrectionModel model(shared(reference), canonical_skeleton(), {});
+  CorrectionProblem problem;
+  problem.learner = Pose(kJointCount);
+  problem.learner.q_PB[index(Joint::kHead)] = joint_rotation(Joint::kHead, {20 * kDegree, 0, 0});
+  problem.reference_time = 1.0;
+  ASSERT_TRUE(model.pose(problem));
+  EXPECT_TRUE(model.has_error());
+  problem.reference_time = 6.0;
+  ASSERT_TRUE(model.pose(problem));
+  EXPECT_FALSE(model.has_error());
 }
 
 TEST(CorrectionModel, DoesNotDependOnBodySizePlaceOrHeading) {

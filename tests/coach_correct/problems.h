@@ -14,8 +14,11 @@ inline constexpr double kDegree = std::numbers::pi / 180.0;
 
 /// A reference that stays in one pose for ten seconds: all weights 1, dead bands of 10 degrees.
 inline Reference still_reference(const Pose& pose) {
-  Reference reference{"still", "", "",   "", Motion{canonical_skeleton(1.75), kReferenceRate, {}},
-                      {},      {}, false};
+  Reference reference{.name = "still",
+                      .description = {},
+                      .origin = {},
+                      .licence = {},
+                      .motion = Motion{canonical_skeleton(1.75), kReferenceRate, {}}};
   reference.weight.fill(1.0);
   reference.tolerance.fill(kDefaultTolerance_deg * kDegree);
   reference.motion.poses.assign(600, pose);

@@ -15,7 +15,10 @@ TEST(TactileMapper, AllocatesNothing) {
       BodyMap::load(std::filesystem::path(SECONDSKIN_SOURCE_DIR) / "body_maps" / "arms.toml"));
   CorrectionResult correction;
   correction.status = SolverStatus::kConverged;
-  JointVectors error = zero_vectors();
+  JointVectors error = zero_vectors(), velocity = zero_vectors();
+  SafeRangeMonitor safe_range(
+      {{{Joint::kLeftElbow, Movement::kFlexion, -0.1, 0.5}, {Joint::kLeftHip, {}, -0.1, 0.5}}});
+  Pose pose(kJointCount);
   std::array<double, kJointCount> tolerance;
   tolerance.fill(0.1);
   const long before = allocations;
@@ -26,7 +29,9 @@ TEST(TactileMapper, AllocatesNothing) {
       correction.target[j] = error[j];
       correction.benefit[j] = 0.5 + 0.5 * std::sin(3.0 * phase);
     }
-    (void)mapper.update(frame * 16'000'000LL, correction, error, tolerance, true);
+    velocity[index(Joint::kLeftElbow)].y() = 5.0 * std::sin(0.01 * frame);
+    (void)mapper.update(frame * 16'000'000LL, correction, error, tolerance, true,
+                        &safe_range.update(pose, velocity));
   }
   const long counted = allocations - before;
   EXPECT_EQ(counted, 0);

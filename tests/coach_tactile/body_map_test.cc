@@ -53,6 +53,9 @@ TEST(BodyMap, ReadsEveryField) {
   EXPECT_EQ(tactor.actuator, wire::Actuator::kVoiceCoil);
   EXPECT_DOUBLE_EQ(tactor.threshold, 0.3);
   EXPECT_DOUBLE_EQ(tactor.ceiling, 0.8);
+  EXPECT_NEAR(tactor.acceleration, 6.34, 1e-9);  // 100 m/s^2 at 250 Hz, Wh = 0.0634
+  EXPECT_DOUBLE_EQ(
+      BodyMap::load(written(kHead + kTactor + "acceleration = 2\n")).tactors[0].acceleration, 2.0);
   EXPECT_FALSE(BodyMap::load(written(with(kHead, "repulsive", "attractive") + kTactor)).repulsive);
 }
 
@@ -108,6 +111,7 @@ TEST(BodyMap, ShippedMapsAreTheLayoutsThatTheySay) {
   for (const Tactor& tactor : full.tactors) segments.insert(tactor.segment);
   EXPECT_EQ(segments, (std::set<Joint>{Joint::kSpineUpper, Joint::kLeftElbow, Joint::kRightElbow,
                                        Joint::kLeftHip, Joint::kRightHip}));
+  EXPECT_EQ(BodyMap::load(kMaps / "limbs.toml").tactors.size(), 16u);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <fstream>
 #include <map>
 #include <nlohmann/json.hpp>
@@ -80,9 +81,9 @@ TEST(CommandLine, AReferenceThatIsAddedCanBeUsedAtOnce) {
 TEST(CommandLine, EveryShippedLearnerIsScoredAsOftenAsItRepeats) {
   // Counted by eye in the recordings (docs/reference-motions.md).
   const std::map<std::string, std::size_t> repetitions{
-      {"low_block", 3},  {"roundhouse_kick", 1},  {"stepping_punch", 2},
-      {"squat", 1},      {"knife_hand_block", 3}, {"jumping_jack", 2},
-      {"wave_hello", 1}, {"deep_squat", 3},       {"sit_to_stand", 3}};
+      {"low_block", 3},        {"roundhouse_kick", 1},   {"stepping_punch", 2}, {"squat", 1},
+      {"knife_hand_block", 3}, {"jumping_jack", 2},      {"wave_hello", 1},     {"deep_squat", 3},
+      {"sit_to_stand", 3},     {"shoulder_abduction", 3}};
   const Session session;
   for (const auto& [name, expected] : repetitions) {
     Process process = session.start(
@@ -100,6 +101,29 @@ TEST(CommandLine, EveryShippedLearnerIsScoredAsOftenAsItRepeats) {
       EXPECT_GT(score["total"], 40.0) << name;  // the same performer, the same technique
       EXPECT_LE(score["total"], 100.0) << name;
     }
+  }
+}
+
+TEST(CommandLine, ScoresAWholeFileAsOneRepetition) {
+  const Session session;
+  const std::string folder = SECONDSKIN_SOURCE_DIR "/reference_motions/deep_squat/";
+  Process process =
+      session.start("score", {"score", "--reference", "deep_squat", folder + "expert_2.bvh",
+                              folder + "expert_3.bvh", "--whole", "--json"});
+  ASSERT_TRUE(process.wait(20s));
+  ASSERT_EQ(process.exit_code(), 0) << process.output();
+  const auto scores = nlohmann::json::parse(process.output())["repetitions"];
+  ASSERT_EQ(scores.size(), 2U);
+  for (const auto& score : scores) {
+    EXPECT_GT(score["total"], 80.0);
+    EXPECT_FALSE(score["mirrored"]);
+    EXPECT_LT(score["lost"]["depth"], 0.2);
+    const auto& knee = score["joints"]["left_knee"];
+    EXPECT_LT(std::abs(knee["timing_error_s"].get<double>()), 0.2);
+    EXPECT_LT(knee["smoothness"], -1.0);
+    EXPECT_GT(knee["range_deg"], 60.0);
+    EXPECT_NEAR(knee["range_deg"].get<double>(), knee["reference_range_deg"].get<double>(), 20.0);
+    EXPECT_TRUE(score["joints"]["left_wrist"].contains("timing_error_s"));
   }
 }
 
