@@ -240,6 +240,9 @@ void run_study(const StudyOptions& options) {
     for (const auto& [what, varied] : variations(protocol)) {
       const Groups other = run(varied, options, false, what.c_str());
       sensitivity.emplace_back(what, benefit(other.error[0], other.error[1], varied, options.seed));
+      sensitivity.emplace_back(
+          fmt::format("{}, places", what),
+          benefit(other.place_error[0], other.place_error[1], varied, options.seed));
     }
   }
   if (options.json) {
