@@ -5,8 +5,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cerrno>
 #include <chrono>
 #include <cmath>
+#include <cstring>
+#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <stdexcept>
@@ -344,12 +347,27 @@ void report(const coach::LearnerProfile& profile, const coach::BodyMap& map,
   fmt::print("the profile is in {}; use it with --learner-profile\n", options.out.string());
 }
 
+// Before somebody has answered for ten minutes. @throws std::runtime_error naming the file
+void expect_writable(const std::filesystem::path& file) {
+  std::error_code error;
+  if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path(), error);
+  const bool was_there = std::filesystem::exists(file);
+  const bool opens = !error && std::ofstream(file, std::ios::app).is_open();
+  if (opens && !was_there) std::filesystem::remove(file, error);
+  if (!opens) {
+    throw std::runtime_error(fmt::format("--out {}: expected a file that can be written: {}",
+                                         file.string(),
+                                         error ? error.message() : std::strerror(errno)));
+  }
+}
+
 void calibrate(Options& options) {
   StopOnSignal signals;
   const coach::BodyMap map = Library().load_body_map(options.body_map);
   if (options.channels.empty()) {
     for (const auto& tactor : map.tactors) options.channels.push_back(tactor.channel);
   }
+  expect_writable(options.out);
   std::sort(options.channels.begin(), options.channels.end());
   options.channels.erase(std::unique(options.channels.begin(), options.channels.end()),
                          options.channels.end());

@@ -88,6 +88,16 @@ TEST(CalibrateTactors, KeepsNothingAndLeavesNothingOnWhenItIsEndedEarly) {
   }
 }
 
+TEST(CalibrateTactors, RefusesAFileThatCannotBeWrittenBeforeAnybodyAnswers) {
+  const Session session;
+  Process calibrate =
+      session.start("calibrate", {"calibrate", "tactors", "--out", "/proc/none/anna.toml"});
+  ASSERT_TRUE(calibrate.wait(20s));
+  EXPECT_NE(calibrate.exit_code(), 0);
+  EXPECT_TRUE(calibrate.says("--out /proc/none/anna.toml")) << calibrate.output();
+  EXPECT_FALSE(calibrate.says("did you feel it")) << calibrate.output();
+}
+
 // A session that the learner's profile, a safe range and yesterday's habits shape is replayed from
 // its recording alone, bit for bit, and what the skin bore is there for the next one.
 TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
