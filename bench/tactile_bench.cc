@@ -8,11 +8,13 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <string>
 #include <vector>
 
 #include "bench/live_session.h"
 #include "coach/coach.h"
+#include "coach/correct/simulated_source.h"
 #include "coach/tactile/saltation.h"
 
 namespace {
@@ -21,27 +23,26 @@ using namespace secondskin;
 using namespace secondskin::coach;
 using nlohmann::json;
 
-const std::vector<std::string> kReferences{
-    "jumping_jack", "knife_hand_block", "low_block", "roundhouse_kick",
-    "squat",        "stepping_punch",   "wave_hello"};
-
-/// Solves at once; the result comes at the next frame.
-class InlineSolver final : public CorrectionSource {
- public:
-  InlineSolver(std::shared_ptr<const Reference> reference)
-      : solver_(std::move(reference), canonical_skeleton()) {}
-  std::optional<CorrectionResult> take(std::uint64_t) override {
-    return std::exchange(result_, std::nullopt);
+std::vector<std::string> shipped_references() {
+  std::set<std::string> names;
+  for (const auto& entry :
+       std::filesystem::directory_iterator(bench::kRoot / "reference_motions")) {
+    if (std::filesystem::exists(entry.path() / "learner.bvh")) {
+      names.insert(entry.path().filename().string());
+    }
   }
-  bool idle() const override { return !result_; }
-  void post(const CorrectionProblem& problem) override {
-    result_ = solver_.solve(problem, {.iterations = 50});
-  }
+  return {names.begin(), names.end()};
+}
 
- private:
-  CorrectionSolver solver_;
-  std::optional<CorrectionResult> result_;
-};
+// A tactor on each limb: with it the coach asks for whatever it would like to ask for.
+BodyMap everywhere() {
+  BodyMap map;
+  for (const Joint segment : {Joint::kSpineUpper, Joint::kHead, Joint::kLeftElbow,
+                              Joint::kRightElbow, Joint::kLeftKnee, Joint::kRightKnee}) {
+    map.tactors.push_back({.channel = map.tactors.size(), .segment = segment});
+  }
+  return map;
+}
 
 constexpr double kTold = 0.7071;  // within 45 degrees of what was asked
 
@@ -74,8 +75,8 @@ std::vector<Asked> asked_of(const std::vector<std::string>& references, const Bo
   for (const std::string& name : references) {
     const auto reference = std::make_shared<const Reference>(
         load_reference(bench::kRoot / "reference_motions" / name, bench::kRoot / "joint_maps"));
-    InlineSolver solver(reference);
-    Coach coach(reference, map, {}, solver);
+    SimulatedSource solver(reference, canonical_skeleton(), {});
+    Coach coach(reference, everywhere(), {}, solver);
     TactileMapper mapper(map);
     CoachOutput out;
     StampedPose pose;
@@ -123,7 +124,8 @@ int main(int argc, char** argv) {
     mappers.emplace_back(loaded.back());
   }
   std::vector<double> time;
-  const std::vector<Asked> asked = asked_of(kReferences, loaded.back(), time);
+  const std::vector<std::string> references = shipped_references();
+  const std::vector<Asked> asked = asked_of(references, loaded.back(), time);
 
   // By joint and movement: how often asked, and told by each map.
   std::map<std::string, std::vector<std::size_t>> table;
@@ -147,7 +149,7 @@ int main(int argc, char** argv) {
     fmt::print(
         "Corrections asked of the recorded learners of {} references, and the share that a "
         "map says within 45 degrees\n{:<22}{:>8}",
-        kReferences.size(), "joint and movement", "frames");
+        references.size(), "joint and movement", "frames");
     for (const std::string& name : maps) {
       fmt::print("{:>14}", std::filesystem::path(name).stem().string());
     }
