@@ -2,8 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <toml++/toml.h>
-
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -13,6 +11,7 @@
 #include <utility>
 
 #include "coach/align/expert_average.h"
+#include "motion/toml_fields.h"
 
 namespace secondskin::coach {
 namespace {
@@ -22,14 +21,8 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 // One motion.toml and where in it things are, so that every complaint names its line.
 class Description {
  public:
-  explicit Description(const std::filesystem::path& file) : file_(file.string()) {
-    try {
-      table_ = toml::parse_file(file_);
-    } catch (const toml::parse_error& e) {
-      throw std::runtime_error(
-          fmt::format("{}:{}: {}", file_, e.source().begin.line, std::string(e.description())));
-    }
-  }
+  explicit Description(const std::filesystem::path& file)
+      : file_(file.string()), table_(parse_toml(file)) {}
 
   const toml::table& table() const noexcept { return table_; }
 

@@ -1,8 +1,6 @@
 // The files that describe what one calibrates with: grid, wand, rough layout.
 #include <fmt/format.h>
 
-#include <toml++/toml.h>
-
 #include <array>
 #include <cmath>
 #include <numbers>
@@ -10,6 +8,7 @@
 #include <string_view>
 #include <utility>
 
+#include "motion/toml_fields.h"
 #include "server/optical/calibrate/grid_calibration.h"
 #include "server/optical/calibrate/rough_layout.h"
 #include "server/optical/calibrate/wand_calibration.h"
@@ -23,14 +22,8 @@ constexpr double kMost = 100.0;  // no place of a room is further from its origi
 // One file and where in it things are, so that every complaint names its line.
 class Description {
  public:
-  explicit Description(const std::filesystem::path& file) : file_(file.string()) {
-    try {
-      table_ = toml::parse_file(file_);
-    } catch (const toml::parse_error& e) {
-      throw std::runtime_error(
-          fmt::format("{}:{}: {}", file_, e.source().begin.line, std::string(e.description())));
-    }
-  }
+  explicit Description(const std::filesystem::path& file)
+      : file_(file.string()), table_(parse_toml(file)) {}
 
   const toml::table& table() const noexcept { return table_; }
 
