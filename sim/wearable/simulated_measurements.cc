@@ -10,8 +10,8 @@ namespace {
 
 // Power of the pulse, of that on the source's normal in the open at the same distance: at least
 // this is as strong as any (w_s = 1, section 4.1), below the lower one is not told from echoes.
-constexpr double kStrong = 0.005;
-constexpr double kWeak = 0.0002;
+constexpr double kStrong = 0.002;
+constexpr double kWeak = 0.0001;
 // Amplitude at 1 m on the normal, of the noise in the receiver's band.
 constexpr double kSignalToNoise = 1500.0;
 constexpr double kHeard = 4.0;      // of the noise: "well above" it

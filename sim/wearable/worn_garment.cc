@@ -15,6 +15,24 @@ constexpr double kHalfLively = 0.5;     // mean joint rate at which tissue moves
 constexpr double kSlowestTissue = 0.2;  // [Hz]
 constexpr double kSpeedOfSound = 343.0;  // for the width of shadows
 
+// A trunk is wider than deep, but its capsules are round (body_shape.cc): half the depth over the
+// radius, by the same survey. What sits in front of it must not look past a belly that is not
+// there.
+double depth_share(Joint segment) noexcept {
+  switch (segment) {
+    case Joint::kPelvis:
+      return 2.0 * 0.1415 / (0.2067 + 0.1415);
+    case Joint::kSpineLower:
+      return 2.0 * 0.1332 / (0.1850 + 0.1332);
+    case Joint::kSpineMiddle:
+      return 2.0 * (0.1332 + 0.1481) / (0.1850 + 0.1332 + 0.1651 + 0.1481);
+    case Joint::kSpineUpper:
+      return 2.0 * 0.1481 / (0.1651 + 0.1481);
+    default:
+      return 1.0;
+  }
+}
+
 Eigen::Vector3d normal_vector(std::mt19937_64& random, double rms) {
   std::normal_distribution<double> normal(0.0, rms / std::sqrt(3.0));
   const double x = normal(random), y = normal(random), z = normal(random);
@@ -84,6 +102,7 @@ WornGarment::WornGarment(const Motion& canonical, const Garment& garment, const 
   }
   for (std::size_t i = 0; i < kJointCount; ++i) {
     capsules_[i] = segment_capsule(skeleton(), static_cast<Joint>(i));
+    capsules_[i].radius *= depth_share(static_cast<Joint>(i));
   }
   find_liveliness();
 }

@@ -121,8 +121,8 @@ class WornGarment {
   Skeleton assumed_;
   std::vector<Eigen::Isometry3d> X_BS_, X_BU_;
   std::vector<Wobble> board_place_, board_angle_, source_place_;
-  std::array<Capsule, kJointCount> capsules_;
-  std::vector<double> lively_;  ///< control points of a cubic B-spline
+  std::array<Capsule, kJointCount> capsules_;  ///< that hide sound
+  std::vector<double> lively_;                 ///< control points of a cubic B-spline
 };
 
 }  // namespace secondskin::sim
