@@ -94,6 +94,15 @@ InertialDecoder::InertialDecoder(double period, std::size_t at_once)
   (void)patterns();  // made now, not in feed()
 }
 
+void InertialDecoder::restart() noexcept {
+  filled_ = 0;
+  begin_ = 0;
+  state_ = State::kSearching;
+  period_ = nominal_;
+  start_ = 0.0;
+  failures_ = 0;
+}
+
 float InertialDecoder::filtered(std::int64_t position) const noexcept {
   const std::int64_t first = std::clamp<std::int64_t>(position - kHalf - begin_, 0,
                                                       static_cast<std::int64_t>(filled_ - kTaps));

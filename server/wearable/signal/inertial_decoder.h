@@ -50,6 +50,9 @@ class InertialDecoder {
   /// until the next call. No allocation. @pre signal.size() <= at_once
   std::span<const InertialSample> feed(std::span<const std::int16_t> signal) noexcept;
 
+  /// Forgets the signal and the lock; positions count from 0 again. The counts go on.
+  void restart() noexcept;
+
   bool locked() const noexcept { return state_ == State::kLocked; }
   double level() const noexcept { return level_; }  ///< of the chips, 0 before a lock [A/D counts]
   /// How far chips are from their level, RMS [A/D counts]: after the low-pass, as thresholding
