@@ -71,7 +71,7 @@ class ArrivalFinder {
 /// What is known of a source.
 struct SourceCalibration {
   double offset = 40.0;   ///< inflection less the time of flight, "about 40" [A/D samples] (4.1)
-  double strength = 9e6;  ///< peak power times squared distance, facing it [A/D counts^2 m^2]
+  double strength = 1.5e7;  ///< peak power times squared distance, facing it [A/D counts^2 m^2]
 };
 
 /// Turns arrivals of one source at one board into distances, and says how far to trust them.
