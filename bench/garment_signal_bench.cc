@@ -232,7 +232,7 @@ nlohmann::json codec_row(const std::string& name, double range, double without) 
   sim::InertialEncoder encoder(1000.0, 0.0, kSeed);
   std::mt19937_64 random(kSeed);
   std::normal_distribution<double> push(0.0, 0.05 * range);
-  double x = 0.0, sum = 0.0, worst = 0.0, square = 0.0, low = 0.0;
+  double x = 0.0, second = 0.0, seconds_square = 0.0, square = 0.0, low = 0.0;
   // Low-passed at 10 Hz as white() says: windowed sinc, 71 taps.
   constexpr int kTaps = 71;
   std::vector<double> taps(kTaps), error;
@@ -251,8 +251,11 @@ nlohmann::json codec_row(const std::string& name, double range, double without) 
     encoder.skip(1000);
     error.push_back((encoder.sent().values[0] - 32) * theory.step - x);
     square += error.back() * error.back();
-    sum += error.back() * theory.period;
-    worst = std::max(worst, std::abs(sum));
+    second += error.back() * theory.period;
+    if (k % 140 == 139) {
+      seconds_square += second * second / (n / 140);
+      second = 0.0;
+    }
     if (k < kTaps) continue;
     double y = 0.0;
     for (int i = 0; i < kTaps; ++i) {
@@ -269,8 +272,9 @@ nlohmann::json codec_row(const std::string& name, double range, double without) 
           {"white_10hz_measured", std::sqrt(low / (n - kTaps) / gain)},
           {"sensor_alone", without},
           {"R_sigma_10hz", std::hypot(without, theory.white(10.0))},
-          {"integral_theory", theory.integral},
-          {"integral_worst", worst}};
+          // Over one second: the error at its end less that at its beginning.
+          {"second_theory", std::numbers::sqrt2 * theory.integral},
+          {"second_measured", std::sqrt(seconds_square)}};
 }
 
 }  // namespace
@@ -467,8 +471,8 @@ int main(int argc, char** argv) try {
   for (const auto& row : all["codec"]) {
     fmt::print(
         "{:<30} step {:.4f}; a sample {:.4f} (theory {:.4f}); as white noise below 10 Hz {:.4f} "
-        "(theory {:.4f});\n{:30} R sigma without the code {:.4f}, with it {:.4f}; integral at most "
-        "{:.5f} (RMS by theory {:.5f})\n",
+        "(theory {:.4f});\n{:30} R sigma without the code {:.4f}, with it {:.4f}; integral of a "
+        "second {:.5f} (theory {:.5f})\n",
         row["channel"].get<std::string>(), number(row["step"]), number(row["sample_measured"]),
         number(row["sample_theory"]), number(row["white_10hz_measured"]),
         number(row["white_10hz_theory"]), "", number(row["sensor_alone"]),
