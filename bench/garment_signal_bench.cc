@@ -476,7 +476,7 @@ int main(int argc, char** argv) try {
         row["channel"].get<std::string>(), number(row["step"]), number(row["sample_measured"]),
         number(row["sample_theory"]), number(row["white_10hz_measured"]),
         number(row["white_10hz_theory"]), "", number(row["sensor_alone"]),
-        number(row["R_sigma_10hz"]), number(row["integral_worst"]), number(row["integral_theory"]));
+        number(row["R_sigma_10hz"]), number(row["second_measured"]), number(row["second_theory"]));
   }
   fmt::print("\nCost, one core, 18 boards at 140 kHz\n{:<30} {:>12} {:>16}\n", "stage", "us a slot",
              "times real time");
