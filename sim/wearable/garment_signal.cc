@@ -13,7 +13,7 @@ namespace {
 constexpr std::size_t kSlotsOfEchoes = 3;  // after which nothing is heard any more
 constexpr double kHandBefore = 0.003;      // amplitude of a blocked source
 constexpr double kTooLoud = 40.0;          // gain of an amplifier gone wrong
-constexpr double kDigitalLowPass = 20e3;   // of the digital stream's driver [Hz]
+constexpr double kDigitalLowPass = 12e3;   // both poles of the digital stream's driver [Hz]
 constexpr double kHumLowPass = 8e3;        // of a noise burst in its band [Hz]
 constexpr double kHumLevel = 2.5;          // its standard deviation, of the digital level
 constexpr double kToneSeconds = 0.005;
@@ -173,7 +173,8 @@ void GarmentSignal::digitise(std::size_t channel, std::span<std::int16_t> out) {
   constexpr float kHighest = std::numeric_limits<std::int16_t>::max();
   for (std::size_t i = 0; i < out.size(); ++i) {
     if (wire.encoder.due()) take(board, first + static_cast<std::int64_t>(i));
-    wire.level += smooth * (digital * wire.encoder.next() - wire.level);
+    wire.driven += smooth * (digital * wire.encoder.next() - wire.driven);
+    wire.level += smooth * (wire.driven - wire.level);
     float value = wire.level + wire.sound[i];
     if (noise > 0.0F) value += noise * normal(random_);
     if (humming) {

@@ -53,9 +53,9 @@ class GarmentSignal {
   using Random = std::mt19937;
   struct Wire {
     InertialEncoder encoder;
-    std::vector<float> sound;  ///< this slot and what is still to come of its echoes
-    float level = 0.0F;        ///< of the digital stream behind its low-pass
-    float hum = 0.0F;          ///< of the noise burst behind its low-pass
+    std::vector<float> sound;           ///< this slot and what is still to come of its echoes
+    float driven = 0.0F, level = 0.0F;  ///< of the digital stream behind its low-pass
+    float hum = 0.0F;                   ///< of the noise burst behind its low-pass
   };
   struct Tone {
     double begin, end;  ///< [samples, from the start]

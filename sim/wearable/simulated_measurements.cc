@@ -9,12 +9,20 @@ namespace secondskin::sim {
 namespace {
 
 // Power of the pulse, of that on the source's normal in the open at the same distance: at least
-// this is as strong as any (w_s = 1, section 4.1), below the lower one is not told from echoes.
-constexpr double kStrong = 0.002;
-constexpr double kWeak = 0.0001;
-// Amplitude at 1 m on the normal, of the noise in the receiver's band.
+// this is as strong as any (w_s = 1, section 4.1); w_s is a half where kWeakness of it is missing.
+constexpr double kStrong = 0.01;
+constexpr double kWeakness = 0.3;
+// Amplitude at 1 m on the normal, of the noise in the receiver's band, and how much of it is "well
+// above" the noise.
 constexpr double kSignalToNoise = 1500.0;
-constexpr double kHeard = 4.0;      // of the noise: "well above" it
+constexpr double kHeard = 4.0;
+// What echoes do to a pulse that is weak [dB]: those that run into it move its rise, by the noise
+// of a strong one for each kBlurring; those after it are taken for it, in kTaken of the pulses at
+// kOftenWeak, twice as many each kTwice further. As the raw signals of garment_signal.h give it
+// (docs/wearable-hardware.md).
+constexpr double kBlurring = 5.5;
+constexpr double kTaken = 0.03, kOftenWeak = 20.0, kTwice = 5.0, kNeverTaken = 12.0;
+constexpr double kMostTaken = 0.8;
 constexpr double kJump = 0.10;      // of a distance within a round that is still continuous [m]
 constexpr double kEchoMean = 0.35;  // how much longer an echo's way is [m]
 
@@ -131,24 +139,26 @@ server::DistanceReading SimulatedMeasurements::distance(std::size_t source, std:
   double strength = directivity(X_WU.linear().col(2).dot(way) / length) * shadow.amplitude;
   if (any_holds(options_.faults.blocked, source, time)) strength *= 0.01;
   const double heard = kSignalToNoise * strength * spread(length);
-  const double noise =
-      normal(random_, worn_.errors().distance_noise * std::sqrt(1.0 + 400.0 / (heard * heard)));
-  const double echo =
-      -kEchoMean * std::log(1.0 - std::uniform_real_distribution<double>()(random_));
-  const bool taken = std::uniform_real_distribution<double>()(random_) < options_.echo_share;
+  const double power = strength * strength;
+  const double weak = -10.0 * std::log10(power);  // [dB]
+  const double blur = std::hypot(1.0, weak / kBlurring);
+  const double noise = normal(random_, worn_.errors().distance_noise * blur);
+  std::uniform_real_distribution<double> uniform;
+  const double echo = -kEchoMean * std::log(1.0 - uniform(random_));
+  const double often = weak < kNeverTaken
+                           ? 0.0
+                           : std::min(kMostTaken, kTaken * std::exp2((weak - kOftenWeak) / kTwice));
+  const bool taken = uniform(random_) < options_.echo_share * often;
 
   server::DistanceReading reading;
-  const double power = strength * strength;
   double travelled = flight * c;
-  if (heard < kHeard || power < kWeak) {
-    if (!taken) return reading;  // nothing that could be a pulse
+  if (taken) {
     travelled += 0.05 + echo;
-    reading.confidence = 0.1;
-  } else {
-    // w_s of section 4.1: 1 above the threshold, below it as the squared inverse of what lacks.
-    const double lacks = std::max(0.0, (kStrong - power) / (0.3 * kStrong));
-    reading.confidence = 1.0 / (1.0 + lacks * lacks);
+  } else if (heard < kHeard) {
+    return reading;  // nothing that could be a pulse
   }
+  const double lacks = std::max(0.0, (kStrong - power) / (kWeakness * kStrong));
+  reading.confidence = 1.0 / (1.0 + lacks * lacks);
   if (travelled > assumed_c * worn_.garment().slot()) return {};  // the next pulse is out
   reading.distance = travelled * assumed_c / c + noise;
   return reading;

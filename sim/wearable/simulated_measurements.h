@@ -4,6 +4,7 @@
 
 #include "sim/wearable/garment_faults.h"
 #include "sim/wearable/inertial_sensor.h"
+#include "sim/wearable/worn_garment.h"
 
 /// What a garment would measure, without its signals: for filters. garment_signal.h makes the
 /// raw signals of the same truth.
@@ -16,8 +17,8 @@ struct MeasurementOptions {
   bool codec = false;         ///< inertial readings through 6-bit delta modulation (4.2)
   bool distances = true;      ///< whether the sources sound
   double temperature = 20.0;  ///< of the air, as assumed [deg C]
-  /// Share of the weak direct sounds that an echo is taken for; the others give no distance.
-  double echo_share = 0.3;
+  double echo_share = 1.0;    ///< of the echoes that would be taken for a weak pulse; 0: a room
+                              ///< without
   std::int64_t start_ns = 0;  ///< stamp of time 0
   GarmentFaults faults;
 };

@@ -109,8 +109,8 @@ WornGarment::WornGarment(const Motion& canonical, const Garment& garment, const 
 }
 
 void WornGarment::build_room() {
-  constexpr double kReach = 1.6;  // from the pelvis to a wall [m]
-  constexpr double kHard = 0.7;   // of the sound comes back
+  constexpr double kReach = 2.5;  // from the pelvis to a wall [m]
+  constexpr double kHard = 0.6;   // of the sound comes back
   double front = 0.0, right = 0.0;
   BodyMotion body;
   for (double time = 0.0; time <= duration(); time += 0.5) {

@@ -46,7 +46,7 @@ class WornGarment final : public GarmentScene {
   double blocked(double time, std::size_t source, std::size_t board) const;
 
   void at(double time, GarmentInstant& out) const override;
-  /// The floor, and two walls that the body does not come nearer to than about a metre.
+  /// The floor, and two walls that the pelvis stays 2.5 m from.
   std::span<const Reflector> reflectors() const noexcept override { return reflectors_; }
 
  private:
