@@ -195,6 +195,7 @@ fs::path own_files() {
 
 fs::path Library::own_references() const { return own_files() / "reference_motions"; }
 fs::path Library::own_optical() const { return own_files() / "optical"; }
+fs::path Library::own_wearable() const { return own_files() / "wearable"; }
 
 std::vector<fs::path> Library::references() const {
   std::vector<fs::path> found;
@@ -263,6 +264,10 @@ fs::path Library::find_file(const char* kind, const char* folder,
 
 fs::path Library::find_suit(const std::string& name_or_path) const {
   return find_file("suit", "suits", name_or_path);
+}
+
+fs::path Library::find_garment(const std::string& name_or_path) const {
+  return find_file("garment", "garments", name_or_path);
 }
 
 fs::path Library::find_calibration_object(const std::string& name_or_path) const {

@@ -43,10 +43,14 @@ class Library {
   std::filesystem::path marker_sets() const { return root_ / "marker_sets"; }
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
   std::filesystem::path find_suit(const std::string& name_or_path) const;
+  /// As find_suit, under garments/.
+  std::filesystem::path find_garment(const std::string& name_or_path) const;
   /// A wand or grid; as find_suit.
   std::filesystem::path find_calibration_object(const std::string& name_or_path) const;
   /// Where calibrations of an optical system are kept: $XDG_DATA_HOME/secondskin/optical.
   std::filesystem::path own_optical() const;
+  /// Where calibrations of garments are kept, GARMENT.toml: $XDG_DATA_HOME/secondskin/wearable.
+  std::filesystem::path own_wearable() const;
   /// Where `reference add` puts new ones: $XDG_DATA_HOME/secondskin/reference_motions.
   std::filesystem::path own_references() const;
 
@@ -158,6 +162,7 @@ void add_virtual_tags(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
+void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_study(CLI::App& app);
