@@ -80,7 +80,7 @@ class Signals {
     for (std::uint32_t k = 0; k < signal.slots() && !stop.stop_requested(); ++k) {
       signal.next(slot.samples);
       slot.sequence = k;
-      slot.source = k % garment_.sources.size();
+      if (!garment_.sources.empty()) slot.source = k % garment_.sources.size();
       signals_.process(slot);
       if (!look(slot, signals_)) return;
     }
