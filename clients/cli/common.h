@@ -159,6 +159,7 @@ std::string milliseconds(double seconds);
 void add_train(CLI::App& app);
 void add_services(CLI::App& app);
 void add_virtual_tags(CLI::App& app);
+void add_virtual_garment(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()

@@ -33,10 +33,9 @@ std::uint32_t write_garment_file(GarmentSignal& signal, std::uint32_t slots,
   const wire::GarmentStreamHeader header = signal.header();
   std::uint32_t done = 0;
   const auto fail = [&](int error) {
-    throw std::system_error(
-        error, std::generic_category(),
-        fmt::format("{}: not written ({:.1f} s of {:.1f} s are in it)", file.string(),
-                    done * slot_time(header), slots * slot_time(header)));
+    throw std::system_error(error, std::generic_category(),
+                            fmt::format("{}: written in part ({:.1f} s of {:.1f} s)", file.string(),
+                                        done * slot_time(header), slots * slot_time(header)));
   };
   const auto close = [](std::FILE* f) { std::fclose(f); };
   std::unique_ptr<std::FILE, decltype(close)> out(std::fopen(file.c_str(), "wb"), close);

@@ -71,7 +71,7 @@ TEST_F(VirtualGarment, AFullDiskIsNamedWithWhatIsThere) {
     FAIL() << "expected an error";
   } catch (const std::system_error& error) {
     EXPECT_EQ(error.code(), std::errc::no_space_on_device);
-    EXPECT_THAT(error.what(), ::testing::HasSubstr("/dev/full: not written"));
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("/dev/full: written in part"));
     EXPECT_THAT(error.what(), ::testing::HasSubstr("of 0.2 s"));
   }
   EXPECT_THROW((void)write_garment_file(signal, 1, "/no/such/folder/f.garment"), std::system_error);
