@@ -127,6 +127,33 @@ TEST_F(Receiver, SilentBoardIsMissingAndTheOthersGoOn) {
   EXPECT_EQ(receiver.measurements().signals().health(1).inertial.locks, 2U);
 }
 
+TEST_F(Receiver, BurstOfBitErrorsLosesSamplesAndGivesNoWrongOne) {
+  const sim::StandScene scene(garment_, sim::WornErrors::none(), 1, 10.0);
+  auto options = options_of();
+  options.faults.bit_errors.push_back({0, 0.5, 2.5});
+  options.faults.gain.push_back({2, 1.0, 1.5});
+  GarmentReceiver receiver(record(scene, options, 400), garment_, nominal_);
+  std::size_t missing = 0, distances = 0;
+  for (const auto& m : all_of(receiver)) {
+    const double t = 1e-9 * static_cast<double>(m.stamp_ns - kStart);
+    if (m.kind == MeasurementKind::kDistances) {
+      distances += t > 0.6 && t < 2.4 && m.distances[0].confidence > 0.5 ? 1 : 0;
+      continue;
+    }
+    EXPECT_TRUE(m.boards[1].gyro_valid);
+    missing += m.boards[0].gyro_valid ? 0 : 1;
+    for (const auto& board : m.boards) {
+      if (!board.accel_valid) continue;
+      EXPECT_NEAR(board.accel.norm(), 9.81, 1.6);
+    }
+  }
+  EXPECT_GT(missing, 100U);
+  EXPECT_LT(missing, 290U);
+  EXPECT_GT(distances, 100U);  // the noise is in the digital stream's band, not in the sources'
+  EXPECT_GT(receiver.measurements().signals().health(2).clipped, 1000U);
+  EXPECT_TRUE(receiver.measurements().signals().health(0).locked);
+}
+
 TEST_F(Receiver, LostSlotsCostTheirSamplesOnly) {
   const sim::StandScene scene(garment_, sim::WornErrors::none(), 1, 10.0);
   const fs::path file = record(scene, options_of(), 300);
