@@ -162,7 +162,7 @@ void add_virtual_tags(CLI::App& app);
 void add_virtual_garment(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
-void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
+void add_calibrate_tactors(CLI::App& app);   ///< after add_calibrate()
 void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
