@@ -51,6 +51,8 @@ Measurement& GarmentMeasurements::make(MeasurementKind kind, std::int64_t stamp_
 void GarmentMeasurements::take_inertial(const wire::GarmentSlot& slot) noexcept {
   for (std::size_t b = 0; b < saturated_.size(); ++b) {
     for (const auto& sample : signals_.inertial(b)) {
+      // The sample by which a lock was found is known one sample late: its set has gone.
+      if (sample.start <= given_until_) continue;
       if (waiting_.size() == waiting_.capacity()) return;
       const double after = (sample.start - signals_.slot_begin()) / rate_;
       waiting_.push_back({sample.start, slot.stamp_ns + std::llround(1e9 * after), b, sample.code});
@@ -91,6 +93,7 @@ void GarmentMeasurements::give_out_inertial(double until) noexcept {
         })->start;
     if (first + together + period_ + kTail > until) return;
     Measurement& made = make(MeasurementKind::kInertial, 0);
+    given_until_ = first + together;
     std::int64_t earliest = 0, sum = 0, count = 0;
     const auto kept = std::remove_if(waiting_.begin(), waiting_.end(), [&](const Waiting& in) {
       if (in.start > first + together) return false;
@@ -128,6 +131,13 @@ void GarmentMeasurements::sort() noexcept {
 
 void GarmentMeasurements::add(const wire::GarmentSlot& slot, double temperature) noexcept {
   begin();
+  // A box that was started anew counts from 0 again.
+  const auto slot_begin =
+      static_cast<double>(slot.sequence) * (signals_.slot_end() - signals_.slot_begin());
+  if (slot_begin < signals_.slot_begin()) {
+    give_out_inertial(std::numeric_limits<double>::infinity());
+    given_until_ = -std::numeric_limits<double>::infinity();
+  }
   signals_.process(slot);
   take_inertial(slot);
   take_distances(slot, temperature);

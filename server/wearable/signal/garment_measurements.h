@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <span>
 #include <vector>
@@ -59,6 +60,7 @@ class GarmentMeasurements {
   BoardSignals signals_;
   std::vector<DistanceTracker> trackers_;  ///< source-major
   std::vector<Waiting> waiting_;
+  double given_until_ = -std::numeric_limits<double>::infinity();  ///< as Waiting::start
   std::vector<Measurement> ready_;  ///< the first ready_count_ hold measurements
   std::size_t ready_count_ = 0, given_ = 0;
   std::vector<std::size_t> order_;
