@@ -58,6 +58,17 @@ struct BoardCounts {
   ReadingCounts gyro, accel, distance;
 };
 
+/// How well innovations fit their predicted covariance: their normalised squares (NIS) over their
+/// degrees of freedom should come to 1. Of readings that were used.
+struct InnovationFit {
+  double nis = 0.0;
+  std::uint64_t rows = 0;
+};
+
+struct BodyState;
+struct BodyLayout;
+class Covariance;
+
 /// One thread. After start() nothing allocates. Readings may come a little out of order: one that
 /// is older than the state, by up to kOldest, is compared with the state carried back to its time.
 class BodyFilter {
@@ -127,6 +138,14 @@ class BodyFilter {
 
   std::span<const BoardCounts> counts() const noexcept;
   std::uint64_t late() const noexcept;  ///< measurements older than kOldest
+  InnovationFit gyro_fit() const noexcept;
+  InnovationFit accel_fit() const noexcept;
+  InnovationFit distance_fit() const noexcept;
+
+  /// The state itself, for tests of consistency and smoothers (body_state.h, covariance.h).
+  const BodyState& estimate() const noexcept;
+  const BodyLayout& layout() const noexcept;
+  const Covariance& covariance() const noexcept;
 
  private:
   struct State;
