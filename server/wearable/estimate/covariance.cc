@@ -225,8 +225,7 @@ UpdateResult Covariance::update(const ObservationSet& set, const std::array<doub
                                 std::span<const char> relax, std::span<char> passed,
                                 std::span<double> error) noexcept {
   const int k = set.size();
-  const int n = padded_size();
-  assert(k <= most_rows_ && k <= 256 && static_cast<int>(error.size()) >= n);
+  assert(k <= most_rows_ && k <= 256 && static_cast<int>(error.size()) >= padded_size());
   std::fill(error.begin(), error.end(), 0.0);
   if (k == 0) return {};
 

@@ -162,22 +162,22 @@ SECONDSKIN_INLINE void transform_columns_with(int panels, int columns,
 
 // One set of entry points for each instruction set. The number of columns of a tile fills the
 // registers: 8 of 32, 8 of 16, 8 of 16.
-#define SECONDSKIN_KERNELS(suffix, attribute, lanes, columns)                                      \
+#define SECONDSKIN_KERNELS(suffix, attribute, kLaneCount, kTile)                                   \
   attribute void subtract_outer_##suffix(int panels, int k, const double* A, double* P) noexcept { \
-    subtract_outer_with<lanes, columns>(panels, k, A, P);                                          \
+    subtract_outer_with<kLaneCount, kTile>(panels, k, A, P);                                       \
   }                                                                                                \
   attribute void times_transposed_lower_##suffix(int panels, int k, const double* B,               \
                                                  const double* L, double* A) noexcept {            \
-    times_transposed_lower_with<lanes, columns>(panels, k, B, L, A);                               \
+    times_transposed_lower_with<kLaneCount, kTile>(panels, k, B, L, A);                            \
   }                                                                                                \
   attribute void times_transposed_sparse_##suffix(                                                 \
       int panels, int k, const double* P, std::span<const SparseRows> rows,                        \
       std::span<const SparseEntry> entries, double* B) noexcept {                                  \
-    times_transposed_sparse_with<lanes>(panels, k, P, rows, entries, B);                           \
+    times_transposed_sparse_with<kLaneCount>(panels, k, P, rows, entries, B);                      \
   }                                                                                                \
   attribute void transform_columns_##suffix(                                                       \
       int panels, int columns, std::span<const ColumnTransition> F, double* P) noexcept {          \
-    transform_columns_with<lanes>(panels, columns, F, P);                                          \
+    transform_columns_with<kLaneCount>(panels, columns, F, P);                                     \
   }
 
 SECONDSKIN_KERNELS(baseline, , 2, 2)
