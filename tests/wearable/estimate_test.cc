@@ -118,7 +118,7 @@ TEST_F(Estimate, HasTheJacobiansOfItsModels) {
       observe_gyro(body, s, board, time, z, 1.0, set);
     });
     expect_jacobian(x, [&](const BodyState& s, ObservationSet& set) {
-      observe_accel(body, s, board, time, z, 1.0, set);
+      observe_accel(body, s, board, time, z, 1.0, 0.0, set);
     });
     expect_jacobian(x, [&](const BodyState& s, ObservationSet& set) {
       observe_field(body, s, board, time, z, z2, 1.0, set);
@@ -176,7 +176,7 @@ TEST_F(Estimate, HearsNothingBehindASource) {
 TEST_F(Estimate, FeelsGravityAndTurning) {
   BodyState x = rest();
   ObservationSet set(layout, 8);
-  observe_accel(body, x, 0, 0.0, Vector3d::Zero(), 1.0, set);
+  observe_accel(body, x, 0, 0.0, Vector3d::Zero(), 1.0, 0.0, set);
   EXPECT_NEAR(Vector3d(-set.y[0], -set.y[1], -set.y[2]).z(), kGravity.z(), 1e-12);
   // On a thigh that spins about the hip with w, r from it: w^2 r towards the hip.
   set.clear();
@@ -184,7 +184,7 @@ TEST_F(Estimate, FeelsGravityAndTurning) {
   ASSERT_EQ(garment.boards[thigh].segment, Joint::kLeftHip);
   const auto hip = static_cast<std::size_t>(layout.group_of[index(Joint::kLeftHip)]);
   x.groups[hip].w = {0.0, 5.0, 0.0};
-  observe_accel(body, x, thigh, 0.0, kGravity, 1.0, set);
+  observe_accel(body, x, thigh, 0.0, kGravity, 1.0, 0.0, set);
   const Vector3d& r = body.p_BS[thigh];
   EXPECT_NEAR(set.y[0], 25.0 * r.x(), 1e-9);
   EXPECT_NEAR(set.y[1], 0.0, 1e-9);

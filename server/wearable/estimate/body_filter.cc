@@ -238,7 +238,8 @@ void BodyFilter::State::inertial(const Measurement& measurement) noexcept {
         ++counts[b].accel.missing;
         continue;
       }
-      observe_accel(body, x, b, time, reading.accel, square(settings.accel_noise), set);
+      observe_accel(body, x, b, time, reading.accel, square(settings.accel_noise), settings.arm_sigma,
+                    set);
     }
     use_boards(&BoardInVain::accel, &BoardCounts::accel, kPatience, accel_fit);
   }

@@ -25,6 +25,7 @@ struct FilterSettings {
   double root_jerk = 40.0;       ///< of the root's position [m/s^3 / sqrt(Hz)]
   double gyro_noise = 0.05;      ///< a sample [rad/s]
   double accel_noise = 0.5;      ///< a sample [m/s^2]
+  double arm_sigma = 0.1;        ///< of lever arms, as felt by accelerometers (observation.h) [m]
   double distance_noise = 0.02;  ///< at confidence 1; divided by the confidence (5.2) [m]
   double gate = 0.999;           ///< probability that a good reading passes
   bool use_gyro = true, use_accel = true, use_distances = true;

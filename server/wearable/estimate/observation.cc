@@ -1,5 +1,6 @@
 #include "server/wearable/estimate/observation.h"
 
+#include <algorithm>
 #include <array>
 #include <cassert>
 #include <stdexcept>
@@ -171,10 +172,18 @@ void observe_gyro(const BodyModel& body, const BodyState& state, std::size_t boa
 }
 
 void observe_accel(const BodyModel& body, const BodyState& state, std::size_t board, double time,
-                   const Vector3d& z, double variance, ObservationSet& set) noexcept {
+                   const Vector3d& z, double variance, double arm_sigma,
+                   ObservationSet& set) noexcept {
   if (!set.has_room(3)) return;
   PathMotion path;
   evaluate(body.skeleton, body.layout, state, body.fixed, body.segment_of[board], time, path);
+  double liveliest = 0.0;
+  for (std::size_t i = 0; i < path.size; ++i) {
+    const JointMotion& joint = path.joints[i];
+    const double w2 = joint.w.squaredNorm();
+    liveliest = std::max(liveliest, joint.dw.squaredNorm() + w2 * w2);
+  }
+  variance += arm_sigma * arm_sigma * liveliest;
   const BoardState& s = state.boards[board];
   const PointMotion q = point(path, body.p_BS[board]);
   const Vector3d f_W = q.a + kGravity;

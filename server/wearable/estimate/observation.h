@@ -53,8 +53,11 @@ inline const Eigen::Vector3d kGravity(0.0, 0.0, 9.80665);
 void observe_gyro(const BodyModel& body, const BodyState& state, std::size_t board, double time,
                   const Eigen::Vector3d& z, double variance, ObservationSet& set) noexcept;
 /// Eq. 2: R_WS^T (J ddtheta + dJ dtheta + g) + bias.
+/// @param arm_sigma  how wrong lever arms may be [m]: the variance grows by that times the angular
+///                   acceleration and the squared rate of the liveliest segment on the way
 void observe_accel(const BodyModel& body, const BodyState& state, std::size_t board, double time,
-                   const Eigen::Vector3d& z, double variance, ObservationSet& set) noexcept;
+                   const Eigen::Vector3d& z, double variance, double arm_sigma,
+                   ObservationSet& set) noexcept;
 /// A world vector as the board sees it: R_WS^T f_W. Rows across f_W alone carry information.
 void observe_field(const BodyModel& body, const BodyState& state, std::size_t board, double time,
                    const Eigen::Vector3d& z, const Eigen::Vector3d& f_W, double variance,
