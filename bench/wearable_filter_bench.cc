@@ -3,7 +3,6 @@
 // wears a virtual garment. docs/wearable-filter.md quotes the output.
 
 #include <fmt/core.h>
-#include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -122,32 +121,7 @@ void Bench::table1() {
         options.measurements.codec = codec;
         options.measurements.distances = c.distances;
         std::array<Moments, 3> error;
-        const bool dbg = std::getenv("DBG");
         run(worn, s, options, [&](const Moment& moment) {
-          if (dbg && std::fmod(moment.time, 0.25) < 1.0 / 140) {
-            const auto& f = moment.filter;
-            ReadingCounts g, a, d;
-            for (auto& c2 : f.counts()) {
-              g.used += c2.gyro.used;
-              g.gated += c2.gyro.gated;
-              g.missing += c2.gyro.missing;
-              a.used += c2.accel.used;
-              a.gated += c2.accel.gated;
-              a.missing += c2.accel.missing;
-              d.used += c2.distance.used;
-              d.gated += c2.distance.gated;
-              d.missing += c2.distance.missing;
-            }
-            double e[kJointCount];
-            for (int j = 0; j < 22; ++j)
-              e[j] = deg(error_under_root(worn.skeleton(), f.pose(), moment.truth, Joint(j)));
-            fmt::print(
-                "{:.2f} g {} {} {} a {} {} {} d {} {} {} nis {:.2f} {:.2f} {:.2f} e {:.1f}\n",
-                moment.time, g.used, g.gated, g.missing, a.used, a.gated, a.missing, d.used,
-                d.gated, d.missing, f.gyro_fit().nis / f.gyro_fit().rows,
-                f.accel_fit().nis / f.accel_fit().rows,
-                f.distance_fit().nis / f.distance_fit().rows, fmt::join(e, " "));
-          }
           for (std::size_t j = 0; j < kJoints.size(); ++j) {
             error[j].add(deg(
                 error_under_root(worn.skeleton(), moment.filter.pose(), moment.truth, kJoints[j])));
