@@ -26,8 +26,9 @@ Rest reordered(const Rest& rest, const std::vector<std::size_t>& channel) {
   Rest out = rest;
   for (std::size_t b = 0; b < channel.size(); ++b) {
     out.boards[b] = rest.boards[channel[b]];
-    out.distances.col(static_cast<Eigen::Index>(b)) =
-        rest.distances.col(static_cast<Eigen::Index>(channel[b]));
+    const auto to = static_cast<Eigen::Index>(b), from = static_cast<Eigen::Index>(channel[b]);
+    out.distances.col(to) = rest.distances.col(from);
+    out.heard.col(to) = rest.heard.col(from);
   }
   return out;
 }
@@ -134,10 +135,14 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
   }
 
   if (moved) {
-    result.headings =
-        functional_headings(result.skeleton, garment, result.pose, result.X_BS, *moved);
+    std::vector<double> sure(boards);
     for (std::size_t b = 0; b < boards; ++b) {
-      BoardHeading& heading = result.headings[b];
+      sure[b] = known[b] ? kHeadingKnown : std::numeric_limits<double>::infinity();
+    }
+    result.headings =
+        functional_headings(result.skeleton, garment, result.pose, result.X_BS, *moved, sure);
+    for (std::size_t b = 0; b < boards; ++b) {
+      const BoardHeading& heading = result.headings[b];
       if (!heading.found) {
         if (!known[b]) {
           warnings.push_back(
@@ -147,18 +152,8 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
         }
         continue;
       }
-      double turn = heading.turn;
-      if (known[b]) {
-        if (std::abs(turn) > 90.0 * kDegree) {
-          warnings.push_back(fmt::format("{}: moves as if it sat {:.0f} degrees turned",
-                                         garment.boards[b].name, turn / kDegree));
-          continue;
-        }
-        // Weighted by how surely each is known.
-        const double p = kHeadingKnown * kHeadingKnown, m = heading.sigma * heading.sigma;
-        turn *= p / (p + m);
-      }
-      turn_about_vertical(result.skeleton, garment.boards[b], result.pose, turn, result.X_BS[b]);
+      turn_about_vertical(result.skeleton, garment.boards[b], result.pose, heading.turn,
+                          result.X_BS[b]);
     }
   }
 

@@ -50,8 +50,8 @@ struct StartResult {
 void stand_on_floor(const Skeleton& canonical, Pose& pose);
 
 /// The whole start from a rest and, where there is one, the movement that followed. A swap that
-/// distances or gravity show at rest is put right in `channel`; one that only the movement shows is
-/// named, and left to the wearer.
+/// sound or gravity shows is put right in `channel`; one that only the gyroscopes show is named,
+/// and left to the wearer.
 StartResult initialise(const Garment& garment, const StartSettings& settings, const Rest& rest,
                        const Movement* movement = nullptr);
 

@@ -20,14 +20,40 @@ double seconds(std::int64_t begin_ns, std::int64_t end_ns) {
 
 }  // namespace
 
+Hearing::Hearing(const Garment& garment)
+    : heard_(Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(garment.sources.size()),
+                                   static_cast<Eigen::Index>(garment.boards.size()))),
+      pulses_(Eigen::VectorXd::Zero(heard_.rows())) {}
+
+void Hearing::add(const Measurement& measurement, double confidence) {
+  const auto source = static_cast<Eigen::Index>(measurement.source);
+  if (measurement.kind != MeasurementKind::kDistances || source >= pulses_.size()) return;
+  pulses_[source] += 1.0;
+  for (Eigen::Index b = 0; b < heard_.cols(); ++b) {
+    const auto i = static_cast<std::size_t>(b);
+    if (i < measurement.distances.size() && measurement.distances[i].confidence >= confidence) {
+      heard_(source, b) += 1.0;
+    }
+  }
+}
+
+Eigen::MatrixXd Hearing::shares() const {
+  return pulses_.cwiseMax(1.0).cwiseInverse().asDiagonal() * heard_;
+}
+
 RestFinder::RestFinder(const Garment& garment, const RestSettings& settings)
-    : settings_(settings), boards_(garment.boards.size()), sources_(garment.sources.size()) {
+    : settings_(settings),
+      boards_(garment.boards.size()),
+      sources_(garment.sources.size()),
+      silence_(garment),
+      hearing_(garment) {
   sum_.resize(boards_);
 }
 
 bool RestFinder::add(const Measurement& measurement) {
   if (over_) return true;
   if (measurement.kind == MeasurementKind::kDistances) {
+    hearing_.add(measurement, settings_.confidence);
     for (std::size_t b = 0; b < std::min(boards_, measurement.distances.size()); ++b) {
       const auto& reading = measurement.distances[b];
       if (reading.confidence >= settings_.confidence && std::isfinite(reading.distance)) {
@@ -42,6 +68,7 @@ bool RestFinder::add(const Measurement& measurement) {
   if (!run_.empty() && measurement.stamp_ns - run_.back().end_ns > kGap + kBlock) {
     run_.clear();
     std::fill(sum_.begin(), sum_.end(), Sum{});
+    hearing_ = silence_;
   }
   if (block_.boards.empty()) {
     block_.boards.resize(boards_);
@@ -95,6 +122,7 @@ bool RestFinder::close_block() {
     }
     run_.clear();
     std::fill(sum_.begin(), sum_.end(), Sum{});
+    hearing_ = silence_;
   }
   // What moved against the run before may be the first of another.
   if (!moved || !strays(block_)) {
@@ -144,6 +172,7 @@ std::optional<Rest> RestFinder::rest() const {
     board.gyro_deviation = std::sqrt(gyro / blocks);
     board.accel_deviation = std::sqrt(accel / blocks);
   }
+  rest.heard = hearing_.shares();
   rest.distances.setConstant(static_cast<Eigen::Index>(sources_),
                              static_cast<Eigen::Index>(boards_),
                              std::numeric_limits<double>::quiet_NaN());

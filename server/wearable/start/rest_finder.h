@@ -24,6 +24,23 @@ struct Rest {
   std::vector<BoardRest> boards;
   /// Median distance of each board (column) from each source (row); NaN where none was heard [m].
   Eigen::MatrixXd distances;
+  /// In the same order, how often it was heard, as a share of the source's pulses.
+  Eigen::MatrixXd heard;
+};
+
+/// Counts who hears whom.
+class Hearing {
+ public:
+  Hearing() = default;
+  explicit Hearing(const Garment& garment);
+  /// A distance counts from this confidence on.
+  void add(const Measurement& measurement, double confidence);
+  Eigen::MatrixXd shares() const;  ///< source by board, 0 to 1
+  double pulses() const noexcept { return pulses_.sum(); }
+
+ private:
+  Eigen::MatrixXd heard_;
+  Eigen::VectorXd pulses_;
 };
 
 struct RestSettings {
@@ -65,8 +82,10 @@ class RestFinder {
 
   RestSettings settings_;
   std::size_t boards_, sources_;
+  Hearing silence_;
   Block block_;
   std::vector<Block> run_;
+  Hearing hearing_;       // since the run began
   std::vector<Sum> sum_;  // over the run
   bool over_ = false;
 };

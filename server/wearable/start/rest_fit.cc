@@ -15,6 +15,7 @@ using Eigen::Vector3d;
 constexpr int kIterations = 8;
 constexpr double kStep = 1e-6;       // of the numerical derivatives
 constexpr double kHeading = 1e-4;    // how much the root may turn about the vertical [rad]
+constexpr double kTells = 8.0;       // evidence that is enough: as of two sources heard or not
 constexpr double kTooSmall = 0.005;  // a difference of distances that tells nothing [m]
 
 // The unknowns in one vector: joints, mountings, places, logarithms of the bones.
@@ -251,6 +252,37 @@ std::vector<std::pair<std::size_t, std::size_t>> mirrored_boards(const Garment& 
   return pairs;
 }
 
+namespace {
+
+// +1 a source on the left, -1 on the right, 0 in the middle or in the world.
+double side_of(const Skeleton& canonical, const UltrasonicSource& source) {
+  if (!source.segment) return 0.0;
+  const double y = source_place(canonical, source).translation().y();
+  return std::abs(y) < 0.02 ? 0.0 : (y > 0.0 ? 1.0 : -1.0);
+}
+
+struct Evidence {
+  double agreement = 0.0;  // as worn rightly, in squared standard deviations
+  double possible = 0.0;   // what it would be if all agreed
+};
+
+// One source that only the own side hears is worth two standard deviations.
+Evidence by_sound(const Skeleton& canonical, const Garment& garment, const Eigen::MatrixXd& heard,
+                  std::size_t left, std::size_t right) {
+  Evidence evidence;
+  for (std::size_t s = 0; s < garment.sources.size(); ++s) {
+    const auto row = static_cast<Index>(s);
+    const double more =
+        heard(row, static_cast<Index>(left)) - heard(row, static_cast<Index>(right));
+    const double side = side_of(canonical, garment.sources[s]);
+    evidence.agreement += 4.0 * side * more;
+    evidence.possible += 4.0 * std::abs(side * more);
+  }
+  return evidence;
+}
+
+}  // namespace
+
 std::vector<Swap> swapped_at_rest(const Skeleton& canonical, const Garment& garment,
                                   const Pose& pose, std::span<const Eigen::Isometry3d> X_BS,
                                   const Rest& rest) {
@@ -281,7 +313,7 @@ std::vector<Swap> swapped_at_rest(const Skeleton& canonical, const Garment& garm
       expected.push_back((X_WS[0].translation() - p_WU[s]).norm() -
                          (X_WS[1].translation() - p_WU[s]).norm());
     }
-    double agreement = 0.0, possible = 0.0;
+    auto [agreement, possible] = by_sound(canonical, garment, rest.heard, left, right);
     if (seen.size() >= 3) {
       const auto n = static_cast<Index>(seen.size());
       Eigen::Map<Eigen::VectorXd> e(expected.data(), n), o(seen.data(), n);
@@ -300,7 +332,7 @@ std::vector<Swap> swapped_at_rest(const Skeleton& canonical, const Garment& garm
       agreement += e.dot(o) / (0.26 * 0.26);
       possible += e.squaredNorm() / (0.26 * 0.26);
     }
-    if (possible < 4.0) continue;  // less than two standard deviations: nothing can be said
+    if (possible < kTells) continue;
     const double evidence = agreement / possible;
     if (evidence < -0.3) swaps.push_back({left, right, evidence});
   }

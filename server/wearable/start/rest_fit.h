@@ -21,7 +21,8 @@
 namespace secondskin::server {
 
 struct RestFitSettings {
-  double pose = 0.05;       ///< how near to the asked pose a person stands [rad]
+  double pose =
+      0.02;  ///< how near to the asked pose a person stands, which defines the joints' zero [rad]
   double mounting = 0.06;   ///< of a board whose rotation is known [rad]
   double place = 0.01;      ///< of a board on its segment [m]
   double gravity = 0.01;    ///< of the accelerometers' mean direction: their offsets [rad]
@@ -56,9 +57,10 @@ struct Swap {
   double evidence;          ///< -1: wholly as if swapped; +1: as worn rightly
 };
 
-/// The pairs of left and right boards whose distances and gravity fit each other's place. A pair
-/// that looks alike either way (both boards hang alike, no distances) is not named; see
-/// swapped_by_movement in functional_alignment.h.
+/// The pairs of left and right boards whose gravity, distances and hearing fit each other's place:
+/// a board hears the sources on its own side, the other ones the body hides. A pair that looks
+/// alike either way (both boards hang alike and hear only what is in the middle) is not named;
+/// movement may still show it (functional_alignment.h).
 std::vector<Swap> swapped_at_rest(const Skeleton& canonical, const Garment& garment,
                                   const Pose& pose, std::span<const Eigen::Isometry3d> X_BS,
                                   const Rest& rest);
