@@ -25,6 +25,7 @@ struct FilterSettings {
   double root_jerk = 40.0;       ///< of the root's position [m/s^3 / sqrt(Hz)]
   double gyro_noise = 0.05;      ///< a sample [rad/s]
   double accel_noise = 0.5;      ///< a sample [m/s^2]
+  double arm_sigma = 0.1;        ///< of lever arms, as felt by accelerometers (observation.h) [m]
   double distance_noise = 0.02;  ///< at confidence 1; divided by the confidence (5.2) [m]
   double gate = 0.999;           ///< probability that a good reading passes
   bool use_gyro = true, use_accel = true, use_distances = true;
@@ -57,6 +58,17 @@ struct ReadingCounts {
 struct BoardCounts {
   ReadingCounts gyro, accel, distance;
 };
+
+/// How well innovations fit their predicted covariance: their normalised squares (NIS) over their
+/// degrees of freedom should come to 1. Of readings that were used.
+struct InnovationFit {
+  double nis = 0.0;
+  std::uint64_t rows = 0;
+};
+
+struct BodyState;
+struct BodyLayout;
+class Covariance;
 
 /// One thread. After start() nothing allocates. Readings may come a little out of order: one that
 /// is older than the state, by up to kOldest, is compared with the state carried back to its time.
@@ -127,6 +139,14 @@ class BodyFilter {
 
   std::span<const BoardCounts> counts() const noexcept;
   std::uint64_t late() const noexcept;  ///< measurements older than kOldest
+  InnovationFit gyro_fit() const noexcept;
+  InnovationFit accel_fit() const noexcept;
+  InnovationFit distance_fit() const noexcept;
+
+  /// The state itself, for tests of consistency and smoothers (body_state.h, covariance.h).
+  const BodyState& estimate() const noexcept;
+  const BodyLayout& layout() const noexcept;
+  const Covariance& covariance() const noexcept;
 
  private:
   struct State;

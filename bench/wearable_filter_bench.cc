@@ -1,0 +1,221 @@
+// How right is the pose that the wearable filter gives, is its uncertainty honest, what do faults
+// and the lack of a kind of sensor do, and what does it cost? A body that moves by a real motion
+// wears a virtual garment. docs/wearable-filter.md quotes the output.
+
+#include <fmt/core.h>
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <set>
+
+#include "bench/wearable_runs.h"
+#include "server/wearable/estimate/symmetric_kernel.h"
+
+namespace {
+
+using namespace secondskin;
+using namespace secondskin::bench;
+using namespace secondskin::server;
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+struct Moments {
+  double n = 0.0, sum = 0.0, squares = 0.0, most = 0.0;
+  void add(double v) {
+    n += 1.0;
+    sum += v;
+    squares += v * v;
+    most = std::max(most, v);
+  }
+  double mean() const { return n > 0.0 ? sum / n : NAN; }
+  double deviation() const {
+    return n > 0.0 ? std::sqrt(std::max(0.0, squares / n - mean() * mean())) : NAN;
+  }
+};
+
+double quantile(std::vector<double> v, double q) {
+  if (v.empty()) return NAN;
+  const auto i = static_cast<std::size_t>(q * static_cast<double>(v.size() - 1));
+  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(i), v.end());
+  return v[i];
+}
+
+// The paper's neck is the head's segment here: that is where the board sits.
+constexpr std::array<Joint, 3> kJoints{Joint::kHead, Joint::kRightShoulder, Joint::kLeftHip};
+
+struct Combination {
+  const char* name;
+  bool accel, gyro, distances;
+  std::array<double, 3> paper_mean, paper_deviation;  // neck, right shoulder, left hip [deg]
+};
+constexpr std::array<Combination, 7> kTable1{{
+    {"A", true, false, false, {159.7, 168.6, 184.0}, {147.7, 105.9, 146.0}},
+    {"A+D", true, false, true, {74.0, 178.6, 165.5}, {125.4, 110.9, 144.5}},
+    {"D", false, false, true, {120.2, 54.7, 117.4}, {93.4, 37.0, 79.2}},
+    {"G", false, true, false, {25.9, 10.1, 8.3}, {15.9, 7.0, 8.0}},
+    {"G+D", false, true, true, {18.4, 8.1, 9.8}, {7.4, 5.8, 5.4}},
+    {"A+G", true, true, false, {9.5, 10.9, 5.6}, {3.4, 6.4, 4.0}},
+    {"A+G+D", true, true, true, {5.7, 8.0, 6.6}, {2.9, 5.0, 3.8}},
+}};
+
+struct Bench {
+  fs::path data, repository = SECONDSKIN_SOURCE_DIR;
+  int seeds = 10;
+  double seconds = 30.0;
+  FilterSettings settings;
+  sim::WornErrors errors;
+  std::vector<std::string> motions{"cmu/14_14.bvh", "cmu/13_26.bvh"};
+  bool codec = false;
+  std::string combination;
+  json report;
+
+  Motion motion(const std::string& name) const {
+    return stretched(read_canonical(data / "bvh" / name, repository / "joint_maps"), seconds);
+  }
+  Garment garment() const { return Garment::load(repository / "garments" / "practical.toml"); }
+
+  void table1();
+  void speed();
+};
+
+void Bench::speed() {
+  const sim::WornGarment worn(motion(motions.front()), garment(), errors, 1);
+  const RunCost cost = run(worn, settings, {}, [](const Moment&) {});
+  const double factor = cost.body_seconds / cost.filter_seconds;
+  const double p50 = 1e3 * quantile(cost.latency, 0.5), p99 = 1e3 * quantile(cost.latency, 0.99);
+  const double most = 1e3 * quantile(cost.latency, 1.0);
+  fmt::print("\nSpeed: {} boards, {} sources, {:.0f} Hz, {} kernels, one core\n",
+             worn.garment().boards.size(), worn.garment().sources.size(),
+             worn.garment().inertial_rate_hz, kernel_name());
+  fmt::print(
+      "real-time factor {:.1f}; a measurement takes {:.2f} ms (p50), {:.2f} (p99), {:.2f} "
+      "(most)\n",
+      factor, p50, p99, most);
+  report["speed"] = {{"kernels", kernel_name()},
+                     {"real_time_factor", factor},
+                     {"p50_ms", p50},
+                     {"p99_ms", p99},
+                     {"most_ms", most}};
+}
+
+void Bench::table1() {
+  fmt::print("\nTable 1: orientation under the given root, {} s, {} seeds [deg]\n", seconds, seeds);
+  fmt::print("{:<8}{:>16}{:>16}{:>16}{:>8}{:>8}   {:>8}\n", "sensors", "neck", "right shoulder",
+             "left hip", "mean", "worst", "paper");
+  for (const Combination& c : kTable1) {
+    if (!combination.empty() && combination != c.name) continue;
+    std::array<Moments, 3> means, deviations;
+    Moments runs;
+    for (const std::string& name : motions) {
+      const Motion played = motion(name);
+      for (int seed = 1; seed <= seeds; ++seed) {
+        const sim::WornGarment worn(played, garment(), errors, static_cast<std::uint64_t>(seed));
+        FilterSettings s = settings;
+        s.use_accel = c.accel;
+        s.use_gyro = c.gyro;
+        s.use_distances = c.distances;
+        RunOptions options;
+        options.seed = static_cast<std::uint64_t>(seed);
+        options.measurements.codec = codec;
+        options.measurements.distances = c.distances;
+        std::array<Moments, 3> error;
+        const bool dbg = std::getenv("DBG");
+        run(worn, s, options, [&](const Moment& moment) {
+          if (dbg && std::fmod(moment.time, 0.25) < 1.0/140) {
+            const auto& f = moment.filter;
+            ReadingCounts g, a, d;
+            for (auto& c2 : f.counts()) {
+              g.used += c2.gyro.used; g.gated += c2.gyro.gated; g.missing += c2.gyro.missing;
+              a.used += c2.accel.used; a.gated += c2.accel.gated; a.missing += c2.accel.missing;
+              d.used += c2.distance.used; d.gated += c2.distance.gated; d.missing += c2.distance.missing;
+            }
+            double e[kJointCount];
+            for (int j = 0; j < 22; ++j) e[j] = deg(error_under_root(worn.skeleton(), f.pose(), moment.truth, Joint(j)));
+            fmt::print("{:.2f} g {} {} {} a {} {} {} d {} {} {} nis {:.2f} {:.2f} {:.2f} e {:.1f}\n", moment.time, g.used,g.gated,g.missing,a.used,a.gated,a.missing,d.used,d.gated,d.missing, f.gyro_fit().nis/f.gyro_fit().rows, f.accel_fit().nis/f.accel_fit().rows, f.distance_fit().nis/f.distance_fit().rows, fmt::join(e, " "));
+          }
+          for (std::size_t j = 0; j < kJoints.size(); ++j) {
+            error[j].add(deg(
+                error_under_root(worn.skeleton(), moment.filter.pose(), moment.truth, kJoints[j])));
+          }
+        });
+        double sum = 0.0;
+        for (std::size_t j = 0; j < kJoints.size(); ++j) {
+          means[j].add(error[j].mean());
+          deviations[j].add(error[j].deviation());
+          sum += error[j].mean() / 3.0;
+        }
+        runs.add(sum);
+      }
+    }
+    double paper = 0.0;
+    for (const double v : c.paper_mean) paper += v / 3.0;
+    fmt::print("{:<8}", c.name);
+    json row{{"sensors", c.name},
+             {"mean", runs.mean()},
+             {"worst_run", runs.most},
+             {"paper_mean", paper}};
+    for (std::size_t j = 0; j < kJoints.size(); ++j) {
+      fmt::print("{:>8.1f} ± {:>5.1f}", means[j].mean(), deviations[j].mean());
+      row["joints"].push_back({{"mean", means[j].mean()},
+                               {"deviation", deviations[j].mean()},
+                               {"worst_run", means[j].most}});
+    }
+    fmt::print("{:>8.2f}{:>8.2f}   {:>8.1f}\n", runs.mean(), runs.most, paper);
+    std::fflush(stdout);
+    report["table1"].push_back(row);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  Bench bench;
+  bench.data = bench.repository / ".." / "shared" / "data";
+  if (const char* from = std::getenv("SECONDSKIN_SHARED_DATA")) bench.data = from;
+  CLI::App app{"The wearable filter against the truth"};
+  std::vector<std::string> only;
+  std::string json_file;
+  FilterSettings& s = bench.settings;
+  app.add_option("--data", bench.data, "folder of the shared recordings");
+  app.add_option("--only", only, "table1");
+  app.add_option("--seeds", bench.seeds);
+  app.add_option("--seconds", bench.seconds, "of motion a run");
+  app.add_option("--motions", bench.motions, "below bvh/ of the data");
+  app.add_option("--combination", bench.combination, "one row of Table 1");
+  app.add_flag("--codec", bench.codec, "inertial readings through 6-bit delta modulation");
+  app.add_option("--joint-jerk", s.joint_jerk);
+  app.add_option("--gyro-noise", s.gyro_noise);
+  app.add_option("--accel-noise", s.accel_noise);
+  app.add_option("--arm-sigma", s.arm_sigma);
+  app.add_option("--distance-noise", s.distance_noise);
+  app.add_option("--gate", s.gate);
+  app.add_option("--pose-sigma", s.pose_sigma);
+  app.add_option("--mount-sigma", s.mount_sigma);
+  app.add_option("--mount-walk", s.mount_walk);
+  app.add_option("--gyro-bias-walk", s.gyro_bias_walk);
+  app.add_option("--accel-bias-walk", s.accel_bias_walk);
+  app.add_option("--limits", s.limits);
+  bool perfect = false;
+  app.add_flag("--perfect", perfect, "sensors and body as the filter assumes them");
+  app.add_option("--json", json_file);
+  CLI11_PARSE(app, argc, argv);
+  if (perfect) bench.errors = sim::WornErrors::none();
+  if (!fs::exists(bench.data / "bvh")) {
+    fmt::print("no recordings at {}: give --data\n", bench.data.string());
+    return 1;
+  }
+  fmt::print("kernels: {}\n", kernel_name());
+  const std::set<std::string> wanted(only.begin(), only.end());
+  const auto is_wanted = [&](const char* name) { return wanted.empty() || wanted.contains(name); };
+  if (is_wanted("table1")) bench.table1();
+  if (is_wanted("speed")) bench.speed();
+  if (!json_file.empty()) {
+    std::FILE* out = std::fopen(json_file.c_str(), "w");
+    if (out == nullptr) return 1;
+    fmt::print(out, "{}\n", bench.report.dump(2));
+    std::fclose(out);
+  }
+  return 0;
+}
