@@ -4,7 +4,7 @@
 #include <random>
 
 #include "server/wearable/measurement.h"
-#include "sim/wearable/worn_garment.h"
+#include "sim/wearable/garment_scene.h"
 
 /// A board's gyroscopes and accelerometers with their errors: reading = (1 + scale) truth + bias +
 /// noise, per axis, out of range not valid.

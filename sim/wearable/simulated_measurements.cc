@@ -26,7 +26,7 @@ double normal(std::mt19937_64& random, double sigma) {
 
 }  // namespace
 
-SimulatedMeasurements::SimulatedMeasurements(const WornGarment& worn, std::uint64_t seed,
+SimulatedMeasurements::SimulatedMeasurements(const GarmentScene& worn, std::uint64_t seed,
                                              const MeasurementOptions& options)
     : worn_(worn), seed_(seed), options_(options) {
   rewind();
@@ -98,7 +98,7 @@ void SimulatedMeasurements::distances(double time, server::Measurement& out) {
   out.distances.resize(garment.boards.size());
   worn_.at(time, instant_);
   const double c = speed_of_sound(options_.temperature + options_.faults.temperature_error);
-  worn_.shadows(instant_, out.source, c / garment.carrier_hz, shadows_);
+  shadows(instant_, out.source, c / garment.carrier_hz, shadows_);
   for (std::size_t channel = 0; channel < out.distances.size(); ++channel) {
     const std::size_t board = board_at_channel(channel);
     server::DistanceReading& reading = out.distances[channel];

@@ -5,7 +5,7 @@
 #include "sim/wearable/garment_faults.h"
 #include "sim/wearable/inertial_sensor.h"
 
-/// What a worn garment would measure, without its signals: for filters. garment_signal.h makes the
+/// What a garment would measure, without its signals: for filters. garment_signal.h makes the
 /// raw signals of the same truth.
 ///
 /// Inertial sets come at the garment's inertial rate from time 0; each slot's distances follow when
@@ -26,7 +26,7 @@ struct MeasurementOptions {
 class SimulatedMeasurements final : public server::MeasurementStream {
  public:
   /// @param worn  borrowed
-  SimulatedMeasurements(const WornGarment& worn, std::uint64_t seed,
+  SimulatedMeasurements(const GarmentScene& worn, std::uint64_t seed,
                         const MeasurementOptions& options = {});
 
   /// Ends with the motion.
@@ -47,13 +47,13 @@ class SimulatedMeasurements final : public server::MeasurementStream {
                                    const Shadow& shadow);
   std::size_t board_at_channel(std::size_t channel) const noexcept;
 
-  const WornGarment& worn_;
+  const GarmentScene& worn_;
   std::uint64_t seed_;
   MeasurementOptions options_;
   std::vector<InertialSensor> sensors_;
   std::mt19937_64 random_;
   std::vector<BoardTruth> truth_;
-  WornGarment::Instant instant_;
+  GarmentInstant instant_;
   std::vector<Shadow> shadows_;
   std::vector<double> last_;  ///< last distance by source and channel, NaN before the first [m]
   std::uint64_t samples_ = 0, slots_ = 0;

@@ -105,6 +105,22 @@ WornGarment::WornGarment(const Motion& canonical, const Garment& garment, const 
     capsules_[i].radius *= depth_share(static_cast<Joint>(i));
   }
   find_liveliness();
+  build_room();
+}
+
+void WornGarment::build_room() {
+  constexpr double kReach = 1.6;  // from the pelvis to a wall [m]
+  constexpr double kHard = 0.7;   // of the sound comes back
+  double front = 0.0, right = 0.0;
+  BodyMotion body;
+  for (double time = 0.0; time <= duration(); time += 0.5) {
+    motion_.at(time, body);
+    front = std::max(front, body[0].X_WB.translation().x());
+    right = std::min(right, body[0].X_WB.translation().y());
+  }
+  reflectors_.push_back({Eigen::Vector3d::UnitZ(), floor(), kHard});
+  reflectors_.push_back({-Eigen::Vector3d::UnitX(), -(front + kReach), kHard});
+  reflectors_.push_back({Eigen::Vector3d::UnitY(), right - kReach, kHard});
 }
 
 void WornGarment::find_liveliness() {
@@ -234,28 +250,28 @@ void WornGarment::sources_at(double time, std::span<Eigen::Isometry3d> X_WU) con
   sources_at(time, body, X_WU);
 }
 
-void WornGarment::at(double time, Instant& out) const {
+void WornGarment::at(double time, GarmentInstant& out) const {
   out.boards.resize(garment_.boards.size());
   out.sources.resize(garment_.sources.size());
+  out.source_v.resize(garment_.sources.size());
   out.limbs.resize(kJointCount);
   BodyMotion body;
   motion_.at(time, body);
   boards_at(time, body, out.boards);
   sources_at(time, body, out.sources);
+  for (std::size_t i = 0; i < out.sources.size(); ++i) {
+    const auto& segment = garment_.sources[i].segment;
+    out.source_v[i].setZero();
+    if (!segment) continue;
+    const SegmentMotion& B = body[index(*segment)];
+    out.source_v[i] =
+        B.v + B.w.cross(out.sources[i].translation() - B.X_WB.translation());  // tissue is slow
+  }
   limbs_at(body, out.limbs);
 }
 
-void WornGarment::shadows(const Instant& instant, std::size_t source, double wavelength,
-                          std::span<Shadow> out) const noexcept {
-  for (std::size_t board = 0; board < out.size(); ++board) {
-    out[board] =
-        acoustic_shadow(instant.sources[source].translation(),
-                        instant.boards[board].X_WS.translation(), instant.limbs, wavelength);
-  }
-}
-
 double WornGarment::blocked(double time, std::size_t source, std::size_t board) const {
-  Instant instant;
+  GarmentInstant instant;
   at(time, instant);
   return 1.0 - acoustic_shadow(instant.sources[source].translation(),
                                instant.boards[board].X_WS.translation(), instant.limbs,
