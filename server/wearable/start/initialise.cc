@@ -104,10 +104,11 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
   const Rest rest = reordered(felt, channel);
   look_at_boards(garment, rest, warnings);
 
-  StartResult result{body, asked, rest.end_ns, {}, {}, {}, swapped, channel, {body, {}, {}, {}, {}},
-                     0.0,  {}};
-  result.fit =
-      fit_rest(body, bone_sigmas(settings.wearer), garment, asked, X_BS, known, rest, settings.fit);
+  StartResult result{
+      body, asked, rest.end_ns, {}, {}, {}, {}, swapped, channel, {body, {}, {}, {}, {}}, 0.0, {}};
+  auto bones = bone_sigmas(settings.wearer);
+  if (!settings.refine_bones) bones.fill(1e-6);
+  result.fit = fit_rest(body, bones, garment, asked, X_BS, known, rest, settings.fit);
   result.skeleton = result.fit.skeleton;
   result.pose = result.fit.pose;
   stand_on_floor(result.skeleton, result.pose);
@@ -170,6 +171,8 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
       bias.accel = board.accel - kGravity * board.accel.normalized();
     }
     result.biases.push_back(bias);
+    result.fields_S.push_back(board.magnetic_readings > 0 ? std::optional(board.magnetic)
+                                                          : std::nullopt);
   }
   result.warnings = std::move(warnings);
   return result;

@@ -25,6 +25,7 @@ struct StartSettings {
   /// Seconds of movement after the rest for functional alignment; 0: none. Needed where mountings
   /// are not known.
   double movement = 0.0;
+  bool refine_bones = true;  ///< by the distances at rest
   RestSettings rest;
   RestFitSettings fit;
 };
@@ -36,7 +37,8 @@ struct StartResult {
   std::int64_t stamp_ns = 0;  ///< the rest's end
   std::vector<Eigen::Isometry3d> X_BS;
   std::vector<BoardBias> biases;
-  std::vector<BoardHeading> headings;  ///< empty without movement
+  std::vector<std::optional<Eigen::Vector3d>> fields_S;  ///< magnetic field at rest, per board [T]
+  std::vector<BoardHeading> headings;                    ///< empty without movement
   std::vector<Swap> swapped;
   /// Which board's readings arrive as which: readings of board b are those of channel[b]. The
   /// identity unless boards are swapped.

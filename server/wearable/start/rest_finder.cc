@@ -86,6 +86,10 @@ bool RestFinder::add(const Measurement& measurement) {
       sum.accel += reading.accel;
       ++sum.accels;
     }
+    if (reading.magnetic_valid && reading.magnetic.allFinite()) {
+      sum.magnetic += reading.magnetic;
+      ++sum.magnetics;
+    }
   }
   return false;
 }
@@ -157,9 +161,13 @@ std::optional<Rest> RestFinder::rest() const {
       all.accel += block.boards[b].accel;
       all.gyros += block.boards[b].gyros;
       all.accels += block.boards[b].accels;
+      all.magnetic += block.boards[b].magnetic;
+      all.magnetics += block.boards[b].magnetics;
     }
     board.gyro = mean(all.gyro, all.gyros);
     board.accel = mean(all.accel, all.accels);
+    board.magnetic = mean(all.magnetic, all.magnetics);
+    board.magnetic_readings = all.magnetics;
     board.gyro_readings = all.gyros;
     board.accel_readings = all.accels;
     double gyro = 0.0, accel = 0.0;

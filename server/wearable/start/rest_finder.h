@@ -15,8 +15,10 @@ namespace secondskin::server {
 struct BoardRest {
   Eigen::Vector3d gyro = Eigen::Vector3d::Zero();   ///< mean: its offset [rad/s]
   Eigen::Vector3d accel = Eigen::Vector3d::Zero();  ///< mean: gravity, +g upwards, and its offset
+  Eigen::Vector3d magnetic = Eigen::Vector3d::Zero();  ///< mean [T]
   double gyro_deviation = 0.0, accel_deviation = 0.0;  ///< of means over 0.1 s, RMS over the axes
   std::size_t gyro_readings = 0, accel_readings = 0;   ///< 0: the board said nothing
+  std::size_t magnetic_readings = 0;
 };
 
 struct Rest {
@@ -65,8 +67,9 @@ class RestFinder {
 
  private:
   struct Sum {
-    Eigen::Vector3d gyro = Eigen::Vector3d::Zero(), accel = Eigen::Vector3d::Zero();
-    std::size_t gyros = 0, accels = 0;
+    Eigen::Vector3d gyro = Eigen::Vector3d::Zero(), accel = Eigen::Vector3d::Zero(),
+                    magnetic = Eigen::Vector3d::Zero();
+    std::size_t gyros = 0, accels = 0, magnetics = 0;
   };
   struct Block {
     std::int64_t begin_ns = 0, end_ns = 0;

@@ -1,0 +1,184 @@
+#include "server/wearable/wearable_source.h"
+
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "motion/kinematics.h"
+
+namespace secondskin::server {
+namespace {
+
+constexpr std::int64_t kSilenceAfter = 250'000'000;   // of measurements without a pose [ns]
+constexpr std::int64_t kMagneticEvery = 100'000'000;  // [ns]
+constexpr double kFieldStrays = 0.15;  // of its strength: iron is near, the direction means nothing
+
+// A board's readings under the board that it truly is.
+void reorder(const Measurement& from, const std::vector<std::size_t>& channel, Measurement& to) {
+  to.kind = from.kind;
+  to.stamp_ns = from.stamp_ns;
+  to.source = from.source;
+  to.boards.resize(from.boards.size());
+  to.distances.resize(from.distances.size());
+  for (std::size_t b = 0; b < channel.size(); ++b) {
+    if (channel[b] < from.boards.size()) to.boards[b] = from.boards[channel[b]];
+    if (channel[b] < from.distances.size()) to.distances[b] = from.distances[channel[b]];
+  }
+}
+
+}  // namespace
+
+WearableSource::WearableSource(std::unique_ptr<MeasurementStream> stream, Garment garment,
+                               WearableOptions options)
+    : stream_(std::move(stream)),
+      garment_(std::move(garment)),
+      options_(std::move(options)),
+      skeleton_(wearer_skeleton(options_.start.wearer)),
+      starter_(garment_, options_.start) {
+  every_ = static_cast<std::uint64_t>(
+      std::max(1.0, std::ceil(garment_.inertial_rate_hz / options_.most_poses)));
+  if (stream_->live()) {
+    options_.start.refine_bones = false;
+    starter_ = Starter(garment_, options_.start);
+    return;
+  }
+  Next next{};
+  while (!started() && look_for_start(next)) {
+  }
+  if (!started()) (void)starter_.finish();  // says why not
+}
+
+double WearableSource::rate_hz() const {
+  return garment_.inertial_rate_hz / static_cast<double>(every_);
+}
+
+// Reads one measurement. @returns false at silence and at the end, which `next` then tells.
+bool WearableSource::look_for_start(Next& next) {
+  next = stream_->next(measurement_);
+  if (next == Next::kEnd && !started()) {
+    try {
+      start_ = starter_.finish();
+    } catch (const std::runtime_error&) {
+      return false;
+    }
+    begin();
+    return true;
+  }
+  if (next != Next::kPose) return false;
+  const auto before = starter_.stage();
+  const auto stage = starter_.add(measurement_);
+  if (before != Starter::Stage::kWaitingForRest) waiting_.push_back(measurement_);
+  if (stage == Starter::Stage::kDone) {
+    start_ = starter_.finish();
+    begin();
+  }
+  return true;
+}
+
+void WearableSource::begin() {
+  skeleton_ = start_->skeleton;
+  filter_.emplace(skeleton_, garment_, start_->X_BS, options_.filter);
+  filter_->start(start_->pose, start_->stamp_ns, start_->biases);
+  contacts_.emplace(skeleton_, garment_, options_.contacts);
+  first_ns_ = start_->stamp_ns;
+  field_W_.assign(garment_.boards.size(), std::nullopt);
+  if (options_.magnetic > 0.0) {
+    std::vector<Eigen::Isometry3d> X_WB(kJointCount);
+    forward_kinematics(skeleton_, start_->pose.p_WR, start_->pose.q_PB, X_WB);
+    for (std::size_t b = 0; b < garment_.boards.size(); ++b) {
+      if (!start_->fields_S[b]) continue;
+      field_W_[b] = X_WB[index(garment_.boards[b].segment)].linear() * start_->X_BS[b].linear() *
+                    *start_->fields_S[b];
+    }
+  }
+}
+
+void WearableSource::process(const Measurement& raw) {
+  reorder(raw, start_->channel, reordered_);
+  filter_->process(reordered_);
+  use_magnetometers(reordered_);
+  if (options_.use_contacts) contacts_->update(reordered_, *filter_);
+}
+
+// Each board's own field at rest is its reference: among walls fields differ from place to place.
+void WearableSource::use_magnetometers(const Measurement& measurement) {
+  if (measurement.kind != MeasurementKind::kInertial ||
+      measurement.stamp_ns - magnetic_ns_ < kMagneticEvery) {
+    return;
+  }
+  magnetic_ns_ = measurement.stamp_ns;
+  for (std::size_t b = 0; b < field_W_.size(); ++b) {
+    const BoardReading& reading = measurement.boards[b];
+    if (!field_W_[b] || !reading.magnetic_valid) continue;
+    const double strength = reading.magnetic.norm() / field_W_[b]->norm();
+    if (std::abs(strength - 1.0) > kFieldStrays) continue;
+    (void)filter_->observe_direction(measurement.stamp_ns, b, reading.magnetic, *field_W_[b],
+                                     options_.magnetic);
+  }
+}
+
+bool WearableSource::gives_pose(const Measurement& measurement, StampedPose& pose) {
+  if (measurement.kind != MeasurementKind::kInertial) return false;
+  // Counted by time, so that samples that never came leave a gap in the numbers.
+  const double samples =
+      1e-9 * static_cast<double>(measurement.stamp_ns - *first_ns_) * garment_.inertial_rate_hz;
+  const auto frame = static_cast<std::uint64_t>(std::max(0.0, std::round(samples))) / every_ + 1;
+  if (frame <= frame_) return false;
+  frame_ = frame;
+  pose.frame = frame;
+  pose.stamp_ns = measurement.stamp_ns;
+  pose.pose = filter_->pose();
+  return true;
+}
+
+Next WearableSource::next(StampedPose& pose) {
+  const auto tell = [&](Next what) {
+    if (observer_) observer_(*this, what);
+    return what;
+  };
+  std::optional<std::int64_t> began_ns;
+  while (true) {
+    if (!started()) {
+      Next next{};
+      if (!look_for_start(next)) return tell(next);
+    } else {
+      // First what was felt while the start was looked for.
+      const Measurement* newest = &measurement_;
+      if (waited_ < waiting_.size()) {
+        newest = &waiting_[waited_++];
+      } else {
+        if (!waiting_.empty()) {
+          waiting_ = {};
+          waited_ = 0;
+        }
+        const Next next = stream_->next(measurement_);
+        if (next != Next::kPose) return tell(next);
+      }
+      process(*newest);
+      if (gives_pose(*newest, pose)) return tell(Next::kPose);
+    }
+    if (!live()) continue;
+    if (!began_ns) began_ns = measurement_.stamp_ns;
+    if (measurement_.stamp_ns - *began_ns > kSilenceAfter) return tell(Next::kSilence);
+  }
+}
+
+bool WearableSource::rewind() {
+  if (live() || !stream_->rewind()) return false;
+  // The start is known: the recording is played again from there.
+  Measurement m;
+  waiting_.clear();
+  waited_ = 0;
+  begin();
+  frame_ = 0;
+  magnetic_ns_ = 0;
+  while (stream_->next(m) == Next::kPose) {
+    if (m.stamp_ns > start_->stamp_ns) {
+      waiting_.push_back(m);
+      break;
+    }
+  }
+  return true;
+}
+
+}  // namespace secondskin::server
