@@ -11,31 +11,41 @@ constexpr double kGravity = 9.80665;
 // (canonical_skeleton): 0.010 and 0.029.
 constexpr double kToesOverFloor = 0.010 / 0.029;
 
-}  // namespace
-
-FootContacts::FootContacts(const Skeleton& canonical, const Garment& garment,
-                           const ContactSettings& settings)
-    : settings_(settings) {
+// The balls of the feet: what leaves the ground last.
+std::vector<StandingPoint> feet_of(const Skeleton& canonical, const Garment& garment) {
+  std::vector<StandingPoint> points;
   for (const auto& [ankle, toes] : {std::pair{Joint::kLeftAnkle, Joint::kLeftToes},
                                     std::pair{Joint::kRightAnkle, Joint::kRightToes}}) {
     for (std::size_t b = 0; b < garment.boards.size(); ++b) {
       if (garment.boards[b].segment != ankle) continue;
-      Foot foot;
-      foot.board = b;
-      foot.segment = index(ankle);
-      foot.p_BQ = canonical[index(toes)].p_PB;
-      foot.floor = std::abs(foot.p_BQ.z()) * kToesOverFloor;
-      feet_.push_back(foot);
+      const Eigen::Vector3d p_BQ = canonical[index(toes)].p_PB;
+      points.push_back({b, index(ankle), p_BQ, std::abs(p_BQ.z()) * kToesOverFloor});
       break;
     }
   }
+  return points;
 }
+
+}  // namespace
+
+FootContacts::FootContacts(const std::vector<StandingPoint>& points,
+                           const ContactSettings& settings)
+    : settings_(settings) {
+  for (const StandingPoint& point : points) {
+    feet_.emplace_back();
+    feet_.back().point = point;
+  }
+}
+
+FootContacts::FootContacts(const Skeleton& canonical, const Garment& garment,
+                           const ContactSettings& settings)
+    : FootContacts(feet_of(canonical, garment), settings) {}
 
 void FootContacts::update(const Measurement& measurement, BodyFilter& filter) noexcept {
   if (measurement.kind != MeasurementKind::kInertial) return;
   for (Foot& foot : feet_) {
-    if (foot.board >= measurement.boards.size()) continue;
-    const BoardReading& reading = measurement.boards[foot.board];
+    if (foot.point.board >= measurement.boards.size()) continue;
+    const BoardReading& reading = measurement.boards[foot.point.board];
     const double dt =
         std::clamp(1e-9 * static_cast<double>(measurement.stamp_ns - foot.seen_ns), 0.0, 1.0);
     // A reading that is missing is no stillness: saturation is what a stamp on the ground does.
@@ -46,7 +56,7 @@ void FootContacts::update(const Measurement& measurement, BodyFilter& filter) no
     }
     foot.seen_ns = measurement.stamp_ns;
     const double gain = dt / (settings_.window + dt);
-    foot.rate += gain * (reading.gyro - filter.bias(foot.board).gyro - foot.rate);
+    foot.rate += gain * (reading.gyro - filter.bias(foot.point.board).gyro - foot.rate);
     foot.force += gain * (reading.accel.norm() - kGravity - foot.force);
     const double rate = foot.rate.norm(), force = std::abs(foot.force);
     const bool still = rate < settings_.rate_on && force < settings_.force_on;
@@ -59,12 +69,14 @@ void FootContacts::update(const Measurement& measurement, BodyFilter& filter) no
     const double since = 1e-9 * static_cast<double>(measurement.stamp_ns - foot.told_ns);
     if (!foot.stands || (since >= 0.0 && since < settings_.every)) continue;
     foot.told_ns = measurement.stamp_ns;
-    const bool rests = filter.observe_point_velocity(measurement.stamp_ns, foot.segment, foot.p_BQ,
-                                                     Eigen::Vector3d::Zero(), settings_.velocity);
+    const bool rests =
+        filter.observe_point_velocity(measurement.stamp_ns, foot.point.segment, foot.point.p_BQ,
+                                      Eigen::Vector3d::Zero(), settings_.velocity);
     ++(rests ? counts_.used : counts_.refused);
     if (!settings_.floor) continue;
-    const bool level = filter.observe_point_height(measurement.stamp_ns, foot.segment, foot.p_BQ,
-                                                   foot.floor, settings_.height);
+    const bool level =
+        filter.observe_point_height(measurement.stamp_ns, foot.point.segment, foot.point.p_BQ,
+                                    foot.point.height, settings_.height);
     ++(level ? counts_.used : counts_.refused);
   }
 }

@@ -32,11 +32,20 @@ struct ContactCounts {
   std::uint64_t used = 0, refused = 0;  ///< velocities and heights
 };
 
+/// A board on something that stands at times, and the point of it that then does not move.
+struct StandingPoint {
+  std::size_t board, segment;
+  Eigen::Vector3d p_BQ;
+  double height;  ///< of that point while it stands [m]
+};
+
 class FootContacts {
  public:
   /// Uses the boards on feet (ankle segments); without any it does nothing.
   FootContacts(const Skeleton& canonical, const Garment& garment,
                const ContactSettings& settings = {});
+
+  FootContacts(const std::vector<StandingPoint>& points, const ContactSettings& settings = {});
 
   /// Looks at an inertial measurement that the filter has processed, and tells the filter what it
   /// follows from feet that stand.
@@ -44,14 +53,12 @@ class FootContacts {
 
   std::size_t feet() const noexcept { return feet_.size(); }
   bool stands(std::size_t foot) const noexcept { return feet_[foot].stands; }
-  std::size_t segment(std::size_t foot) const noexcept { return feet_[foot].segment; }
+  std::size_t segment(std::size_t foot) const noexcept { return feet_[foot].point.segment; }
   const ContactCounts& counts() const noexcept { return counts_; }
 
  private:
   struct Foot {
-    std::size_t board = 0, segment = 0;
-    Eigen::Vector3d p_BQ = Eigen::Vector3d::Zero();  // the ball of the foot
-    double floor = 0.0;                              // its height when the sole is flat
+    StandingPoint point;
     Eigen::Vector3d rate = Eigen::Vector3d::Zero();  // averaged
     double force = 0.0;
     bool stands = false;

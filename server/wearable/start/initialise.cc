@@ -60,7 +60,10 @@ void stand_on_floor(const Skeleton& canonical, Pose& pose) {
   forward_kinematics(canonical, pose.p_WR, pose.q_PB, X_WB);
   double lowest = std::numeric_limits<double>::infinity();
   for (const Joint foot : {Joint::kLeftToes, Joint::kRightToes}) {
-    lowest = std::min(lowest, X_WB[index(foot)].translation().z());
+    // The toes' joint is above the floor by this, as it is below the ankle by 0.029 of the stature
+    // (canonical_skeleton).
+    const double above = std::abs(canonical[index(foot)].p_PB.z()) * 0.010 / 0.029;
+    lowest = std::min(lowest, X_WB[index(foot)].translation().z() - above);
   }
   pose.p_WR.z() -= lowest;
 }
