@@ -51,6 +51,7 @@ struct Drift {
 Drift drift(const sim::WornGarment& worn, std::uint64_t seed, bool contacts) {
   WearableOptions options;
   options.use_contacts = contacts;
+  options.start.body = worn.assumed_skeleton();
   WearableSource source(std::make_unique<sim::SimulatedMeasurements>(worn, seed), worn.garment(),
                         options);
   StampedPose pose;
@@ -88,6 +89,7 @@ Drift drift(const sim::WornGarment& worn, std::uint64_t seed, bool contacts) {
         2.0 * std::numbers::pi));
   }
   out.minutes = (last - first) / 60.0;
+  if (getenv("DBG")) { for (std::size_t b=0;b<worn.garment().boards.size();++b){auto&c=source.filter().counts()[b]; fmt::print("{} g {}/{} a {}/{} d {}/{}\n",worn.garment().boards[b].name,c.gyro.used,c.gyro.gated,c.accel.used,c.accel.gated,c.distance.used,c.distance.gated);} fmt::print("contacts {} used {} refused {}\n",source.contacts().counts().contacts,source.contacts().counts().used,source.contacts().counts().refused);}
   return out;
 }
 
@@ -272,8 +274,6 @@ void Bench::one_foot(std::size_t which, const char* name) {
   };
   const double end = static_cast<double>(markers.size() - 2) / 100.0;
   std::vector<Matrix3d> ours, reference;
-  std::vector<double> rate_errors;
-  std::optional<Matrix3d> before;
   double rate_squares = 0.0, rate_size = 0.0, samples = 0.0;
   for (std::size_t k = 0; k < times.size() && times[k] < end; ++k) {
     const Vector3d x = (marker(times[k], toe) - marker(times[k], heel)).normalized();
@@ -296,7 +296,6 @@ void Bench::one_foot(std::size_t which, const char* name) {
     samples += 1.0;
   }
   // Strides, from one rest of the foot to the next, over the ground.
-  const auto events = numbers(data / "imu/gaitmap/stride_events_sample.csv", 1);
   std::ifstream in(data / "imu/gaitmap/stride_events_sample.csv");
   std::string line;
   std::getline(in, line);

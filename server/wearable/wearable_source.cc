@@ -11,6 +11,8 @@ namespace {
 
 constexpr std::int64_t kSilenceAfter = 250'000'000;   // of measurements without a pose [ns]
 constexpr std::int64_t kMagneticEvery = 100'000'000;  // [ns]
+constexpr std::int64_t kHoldEvery = 50'000'000;       // [ns]
+constexpr double kHoldPlace = 0.1, kHoldTurn = 0.2;   // [m], [rad]
 constexpr double kFieldStrays = 0.15;  // of its strength: iron is near, the direction means nothing
 
 // A board's readings under the board that it truly is.
@@ -33,7 +35,7 @@ WearableSource::WearableSource(std::unique_ptr<MeasurementStream> stream, Garmen
     : stream_(std::move(stream)),
       garment_(std::move(garment)),
       options_(std::move(options)),
-      skeleton_(wearer_skeleton(options_.start.wearer)),
+      skeleton_(body_of(options_.start)),
       starter_(garment_, options_.start) {
   every_ = static_cast<std::uint64_t>(
       std::max(1.0, std::ceil(garment_.inertial_rate_hz / options_.most_poses)));
@@ -81,6 +83,12 @@ void WearableSource::begin() {
   filter_->start(start_->pose, start_->stamp_ns, start_->biases);
   contacts_.emplace(skeleton_, garment_, options_.contacts);
   first_ns_ = start_->stamp_ns;
+  root_board_.reset();
+  for (const SensorBoard& board : garment_.boards) {
+    const std::size_t segment = index(board.segment);
+    if (!root_board_ || segment < *root_board_) root_board_ = segment;
+  }
+  if (root_board_ == index(Joint::kPelvis)) root_board_.reset();
   field_W_.assign(garment_.boards.size(), std::nullopt);
   if (options_.magnetic > 0.0) {
     std::vector<Eigen::Isometry3d> X_WB(kJointCount);
@@ -97,7 +105,23 @@ void WearableSource::process(const Measurement& raw) {
   reorder(raw, start_->channel, reordered_);
   filter_->process(reordered_);
   use_magnetometers(reordered_);
+  hold_root(reordered_.stamp_ns);
   if (options_.use_contacts) contacts_->update(reordered_, *filter_);
+}
+
+// Without a board on the pelvis nothing tells where it is and how the trunk below the next board is
+// bent: it is held loosely under that board, and, where no foot tells, in its place.
+void WearableSource::hold_root(std::int64_t stamp_ns) {
+  if (!root_board_ || stamp_ns - held_ns_ < kHoldEvery) return;
+  held_ns_ = stamp_ns;
+  Eigen::Quaterniond q_WB = Eigen::Quaterniond::Identity();
+  for (std::optional<std::size_t> i = *root_board_; i; i = skeleton_[*i].parent) {
+    q_WB = filter_->pose().q_PB[*i] * q_WB;
+  }
+  Eigen::Isometry3d X_WR = Eigen::Isometry3d::Identity();
+  X_WR.linear() = q_WB.toRotationMatrix();
+  X_WR.translation() = contacts_->feet() > 0 ? filter_->pose().p_WR : start_->pose.p_WR;
+  (void)filter_->observe_root(stamp_ns, X_WR, kHoldPlace, kHoldTurn);
 }
 
 // Each board's own field at rest is its reference: among walls fields differ from place to place.
@@ -171,7 +195,7 @@ bool WearableSource::rewind() {
   waited_ = 0;
   begin();
   frame_ = 0;
-  magnetic_ns_ = 0;
+  magnetic_ns_ = held_ns_ = 0;
   while (stream_->next(m) == Next::kPose) {
     if (m.stamp_ns > start_->stamp_ns) {
       waiting_.push_back(m);

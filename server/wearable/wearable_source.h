@@ -58,6 +58,7 @@ class WearableSource final : public PoseSource {
   void begin();
   void process(const Measurement& measurement);
   void use_magnetometers(const Measurement& measurement);
+  void hold_root(std::int64_t stamp_ns);
   [[nodiscard]] bool gives_pose(const Measurement& measurement, StampedPose& pose);
 
   std::unique_ptr<MeasurementStream> stream_;
@@ -73,7 +74,8 @@ class WearableSource final : public PoseSource {
   std::vector<std::optional<Eigen::Vector3d>> field_W_;  // a board's, at rest
   Measurement measurement_, reordered_;
   std::optional<std::int64_t> first_ns_;
-  std::int64_t silent_since_ns_ = 0, magnetic_ns_ = 0;
+  std::optional<std::size_t> root_board_;  // segment of the first board, where the pelvis has none
+  std::int64_t magnetic_ns_ = 0, held_ns_ = 0;
   std::uint64_t every_ = 1, frame_ = 0;
   Observer observer_;
 };

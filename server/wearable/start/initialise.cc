@@ -19,6 +19,7 @@ constexpr double kOddTilt = 25.0 * kDegree;   // gravity this far off: not worn 
 constexpr double kOddGravity = 0.6;           // [m/s^2]
 constexpr double kOddOffset = 3.0 * kDegree;  // of a gyroscope [rad/s]
 constexpr double kOddDistance = 0.04;         // [m]
+constexpr double kMeasuredBody = 0.01;        // of its bones, relative
 constexpr double kHeadingKnown = 0.05;        // of a board that sits as its file says [rad]
 constexpr double kOffsetFloor = 0.0005;       // what a gyroscope's offset keeps wandering
 
@@ -55,6 +56,10 @@ void look_at_boards(const Garment& garment, const Rest& rest, std::vector<std::s
 
 }  // namespace
 
+Skeleton body_of(const StartSettings& settings) {
+  return settings.body ? *settings.body : wearer_skeleton(settings.wearer);
+}
+
 void stand_on_floor(const Skeleton& canonical, Pose& pose) {
   std::vector<Eigen::Isometry3d> X_WB(kJointCount);
   forward_kinematics(canonical, pose.p_WR, pose.q_PB, X_WB);
@@ -71,7 +76,7 @@ void stand_on_floor(const Skeleton& canonical, Pose& pose) {
 StartResult initialise(const Garment& garment, const StartSettings& settings, const Rest& felt,
                        const Movement* movement) {
   const std::size_t boards = garment.boards.size();
-  const Skeleton body = wearer_skeleton(settings.wearer);
+  const Skeleton body = body_of(settings);
   Pose asked = settings.pose;
   stand_on_floor(body, asked);
   std::vector<Eigen::Isometry3d> X_BS = nominal_places(body, garment);
@@ -110,6 +115,7 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
   StartResult result{
       body, asked, rest.end_ns, {}, {}, {}, {}, swapped, channel, {body, {}, {}, {}, {}}, 0.0, {}};
   auto bones = bone_sigmas(settings.wearer);
+  if (settings.body) bones.fill(kMeasuredBody);
   if (!settings.refine_bones) bones.fill(1e-6);
   result.fit = fit_rest(body, bones, garment, asked, X_BS, known, rest, settings.fit);
   result.skeleton = result.fit.skeleton;

@@ -18,6 +18,9 @@ namespace secondskin::server {
 
 struct StartSettings {
   Wearer wearer;
+  /// The wearer's body where it has been measured otherwise, e.g. with markers; instead of
+  /// `wearer`.
+  std::optional<Skeleton> body;
   Pose pose{kJointCount};  ///< that the wearer is asked to hold; canonical rest unless said
   /// Rotation of each board on its segment, q_BS; empty entries are found. An empty vector: all as
   /// the garment's file says.
@@ -47,6 +50,9 @@ struct StartResult {
   double rest = 0.0;                  ///< how long the wearer stood still [s]
   std::vector<std::string> warnings;  ///< for people: what is odd, by board name
 };
+
+/// `body`, else what follows from `wearer`.
+Skeleton body_of(const StartSettings& settings);
 
 /// Feet of a pose on z = 0.
 void stand_on_floor(const Skeleton& canonical, Pose& pose);
