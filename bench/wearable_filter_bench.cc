@@ -197,10 +197,21 @@ int main(int argc, char** argv) {
   app.add_option("--gyro-bias-walk", s.gyro_bias_walk);
   app.add_option("--accel-bias-walk", s.accel_bias_walk);
   app.add_option("--limits", s.limits);
+  double tissue = 1.0, mounting = 1.0, bone = 1.0;  // shares of the default errors
+  app.add_option("--tissue", tissue, "share of the soft tissue's movement, 1 by default");
+  app.add_option("--mounting", mounting, "share of the mounting errors");
+  app.add_option("--bone", bone, "share of the bone and source errors");
   bool perfect = false;
   app.add_flag("--perfect", perfect, "sensors and body as the filter assumes them");
   app.add_option("--json", json_file);
   CLI11_PARSE(app, argc, argv);
+  sim::WornErrors& e = bench.errors;
+  e.tissue_place *= tissue;
+  e.tissue_angle *= tissue;
+  e.mounting_place *= mounting;
+  e.mounting_angle *= mounting;
+  e.source_place *= bone;
+  e.bone *= bone;
   if (perfect) bench.errors = sim::WornErrors::none();
   if (!fs::exists(bench.data / "bvh")) {
     fmt::print("no recordings at {}: give --data\n", bench.data.string());

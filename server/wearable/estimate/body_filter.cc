@@ -23,9 +23,13 @@ constexpr double kLimitSigma = 0.05;    ///< [rad]
 // What is known of any body, used where it is more than the filter knows.
 constexpr double kAnyAngle = 1.5, kAnyRate = 8.0, kAnyAcceleration = 150.0;  // [rad], /s, /s^2
 constexpr double kAnyVelocity = 5.0, kAnyPush = 30.0;                        // [m/s], [m/s^2]
+// How alike the members of a chain turn (of one use, ten a second), and their jerk apart.
+constexpr double kChainAngle = 1.0, kChainRate = 3.0;  // [rad], [rad/s]
+constexpr double kChainJerk = 50.0;                    // [rad/s^3 / sqrt(Hz)]
 // A board whose readings did not pass for so long is taken with less weight until they do.
 constexpr int kPatience = 35;          ///< inertial readings
 constexpr int kDistancePatience = 30;  ///< distances, of all sources
+constexpr int kAlonePatience = 5;      ///< further observations, of all kinds
 constexpr double kLeastConfidence = 0.05;
 constexpr double kSaturated = 0.999;     ///< of a sensor's range
 constexpr double kSpeedOfSound = 343.0;  ///< for how far a microphone moves on meanwhile [m/s]
@@ -94,6 +98,7 @@ struct BodyFilter::State {
   std::vector<BoardCounts> counts;
   std::vector<BoardInVain> in_vain;
   InnovationFit gyro_fit, accel_fit, distance_fit;
+  int alone_in_vain = 0;  ///< further observations in a row that did not pass
   std::uint64_t late = 0;
   std::int64_t stamp = 0;
   double since_knowledge = 0.0;
@@ -110,9 +115,9 @@ BodyFilter::State::State(const Skeleton& canonical, const Garment& garment,
       relax(static_cast<std::size_t>(most_rows(garment))),
       passed(relax.size()),
       gate(gates(s.gate)),
-      noise{square(s.joint_jerk),     square(s.root_turn_jerk),  square(s.root_jerk),
-            square(s.gyro_bias_walk), square(s.accel_bias_walk), square(s.mount_walk),
-            square(s.sound_walk)},
+      noise{square(s.joint_jerk), square(s.root_turn_jerk), square(s.root_jerk),
+            square(kChainJerk),   square(s.gyro_bias_walk), square(s.accel_bias_walk),
+            square(s.mount_walk), square(s.sound_walk)},
       counts(garment.boards.size()),
       in_vain(garment.boards.size()),
       pose(kJointCount) {
@@ -153,7 +158,6 @@ void BodyFilter::State::use_knowledge() noexcept {
   const auto bound = [&](int column, const Vector3d& value, double any) {
     if (variance(column) > square(any)) observe_columns(column, -value, square(any), set);
   };
-  std::array<bool, kJointCount> done{};
   for (std::size_t i = 1; i < kJointCount; ++i) {
     const int group = layout.group_of[i];
     if (group == BodyLayout::kNoGroup) continue;
@@ -169,11 +173,19 @@ void BodyFilter::State::use_knowledge() noexcept {
       observe_rotation_along(body, x, group, joint_rotation(joint, allowed), square(kLimitSigma),
                              set);
     }
-    if (done[static_cast<std::size_t>(group)]) continue;
-    done[static_cast<std::size_t>(group)] = true;
     bound(layout.rotation(group, 0), rotation_vector(state.q), kAnyAngle);
     bound(layout.rotation(group, 1), state.w, kAnyRate);
     bound(layout.rotation(group, 2), state.dw, kAnyAcceleration);
+  }
+  for (const std::vector<int>& chain : layout.chains) {
+    for (std::size_t i = 1; i < chain.size(); ++i) {
+      const GroupState &a = x.groups[static_cast<std::size_t>(chain[i - 1])],
+                       &b = x.groups[static_cast<std::size_t>(chain[i])];
+      observe_likeness(layout.rotation(chain[i - 1], 0), layout.rotation(chain[i], 0),
+                       rotation_vector(b.q) - rotation_vector(a.q), square(kChainAngle), set);
+      observe_likeness(layout.rotation(chain[i - 1], 1), layout.rotation(chain[i], 1), b.w - a.w,
+                       square(kChainRate), set);
+    }
   }
   bound(layout.rotation(0, 1), x.groups[0].w, kAnyRate);
   bound(layout.rotation(0, 2), x.groups[0].dw, kAnyAcceleration);
@@ -207,12 +219,16 @@ void BodyFilter::State::use_boards(int BoardInVain::*in_vain_of,
 
 bool BodyFilter::State::use_alone() noexcept {
   if (set.size() == 0) return false;
-  std::fill(relax.begin(), relax.end(), 0);
+  std::fill(relax.begin(), relax.end(), alone_in_vain >= kAlonePatience);
   P.update(set, gate, relax, passed, error);
   correct(body.layout, error, x);
   publish();
-  return std::all_of(passed.begin(), passed.begin() + static_cast<std::ptrdiff_t>(set.rows.size()),
-                     [](char p) { return p != 0; });
+  const bool all =
+      std::all_of(passed.begin(), passed.begin() + static_cast<std::ptrdiff_t>(set.rows.size()),
+                  [](char p) { return p != 0; });
+  alone_in_vain = all ? 0 : alone_in_vain + 1;
+  if (!all && getenv("DBG")) printf("root gated\n");
+  return all;
 }
 
 void BodyFilter::State::inertial(const Measurement& measurement) noexcept {
@@ -238,8 +254,8 @@ void BodyFilter::State::inertial(const Measurement& measurement) noexcept {
         ++counts[b].accel.missing;
         continue;
       }
-      observe_accel(body, x, b, time, reading.accel, square(settings.accel_noise), settings.arm_sigma,
-                    set);
+      observe_accel(body, x, b, time, reading.accel, square(settings.accel_noise),
+                    settings.arm_sigma, set);
     }
     use_boards(&BoardInVain::accel, &BoardCounts::accel, kPatience, accel_fit);
   }
@@ -314,13 +330,9 @@ void BodyFilter::start(const Pose& pose, std::int64_t stamp_ns, std::span<const 
   };
   for (GroupState& group : s.x.groups) group = GroupState{};
   for (std::size_t i = 0; i < kJointCount; ++i) {
-    // Of joints that share a rotation the mean counts, as that of their rotation vectors.
     const int group = layout.group_of[i];
     if (group == BodyLayout::kNoGroup) continue;
-    const auto members = std::count(layout.group_of.begin(), layout.group_of.end(), group);
-    GroupState& state = s.x.groups[static_cast<std::size_t>(group)];
-    state.q =
-        state.q * quaternion_from(rotation_vector(pose.q_PB[i]) / static_cast<double>(members));
+    s.x.groups[static_cast<std::size_t>(group)].q = pose.q_PB[i];
   }
   for (int g = 0; g < layout.groups; ++g) {
     put(layout.rotation(g, 0), s.settings.pose_sigma);

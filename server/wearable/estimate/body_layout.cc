@@ -24,22 +24,26 @@ BodyLayout::BodyLayout(const Skeleton& canonical, const Garment& garment)
   }
   leads_to_board[0] = true;
 
-  // A joint shares its child's rotation if its segment has no board, and the way to one does not
-  // fork there.
+  // A joint continues its parent's chain if the parent's segment has no board, and the way to one
+  // does not fork there.
   std::array<int, kJointCount> ways{};
-  std::array<std::size_t, kJointCount> way{};
   for (std::size_t i = 1; i < kJointCount; ++i) {
     if (!leads_to_board[i]) continue;
     ++ways[*canonical[i].parent];
-    way[*canonical[i].parent] = i;
   }
   group_of.fill(kNoGroup);
   group_of[0] = groups++;
   for (std::size_t i = 1; i < kJointCount; ++i) {
     if (!leads_to_board[i]) continue;
     const std::size_t parent = *canonical[i].parent;
-    const bool shared = parent != 0 && !sensed[parent] && ways[parent] == 1;
-    group_of[i] = shared ? group_of[parent] : groups++;
+    group_of[i] = groups++;
+    if (parent != 0 && !sensed[parent] && ways[parent] == 1) {
+      for (std::vector<int>& chain : chains) {
+        if (chain.back() == group_of[parent]) chain.push_back(group_of[i]);
+      }
+    } else {
+      chains.push_back({group_of[i]});
+    }
   }
 }
 

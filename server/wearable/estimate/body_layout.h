@@ -7,16 +7,17 @@
 
 #include "motion/garment.h"
 
-/// Which rotations of a body the filter's state holds, and in which columns.
+/// Which joints a body filter's state holds, in which columns.
 ///
-/// A group is one or more joints in a row that share one rotation: those whose segments carry no
-/// board turn with the next segment towards one (of spine_lower and spine_middle only the sum is
-/// known, each is given half of it; so with neck and head). Joints that have no board beyond them
-/// (toes) are not in the state; they keep the pose of the start.
+/// Each joint that has a board at or beyond it is in the state; the others (toes) keep the rotation
+/// of the start. Joints in a row whose segments carry no board between them (neck and head;
+/// spine_lower and spine_middle) are a chain: boards tell the sum of their rotations, and how it is
+/// shared out only by lever arms. The filter moves a chain together and holds its members alike by
+/// a soft prior (docs/wearable-filter.md).
 ///
-/// Columns of the error state, with d = 3 * groups + 3 and nb boards:
-///   level * d + 3 * group: rotation (level 0), rate w_PB_B (1) and acceleration (2) of a group,
-///   level * d + 3 * groups: position, velocity and acceleration of the root in W, then
+/// Columns of the error state, with d = 3 * joints + 3 and nb boards:
+///   level * d + 3 * joint: rotation (level 0), rate w_PB_B (1) and acceleration (2) of a joint,
+///   level * d + 3 * joints: position, velocity and acceleration of the root in W, then
 ///   gyro bias, accelerometer bias, mounting rotation (three a board each), speed of sound.
 namespace secondskin::server {
 
@@ -24,10 +25,11 @@ struct BodyLayout {
   /// @throws std::invalid_argument unless the skeleton is canonical
   BodyLayout(const Skeleton& canonical, const Garment& garment);
 
-  static constexpr int kNoGroup = -1;
+  static constexpr int kNoGroup = -1;          ///< not in the state
   std::array<int, kJointCount> group_of{};     ///< of a segment's joint; the root has group 0
   std::array<bool, kJointCount> sensed{};      ///< whether a board sits on the segment
   std::vector<std::vector<std::size_t>> path;  ///< from the root to each segment, both included
+  std::vector<std::vector<int>> chains;  ///< joints of the state, the root not; most are alone
   int groups = 0;
   int boards = 0;
 

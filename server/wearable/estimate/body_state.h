@@ -12,7 +12,7 @@
 /// q = q_estimate * exp(error), so that nothing is singular.
 namespace secondskin::server {
 
-/// One rotation that one or more joints share, and its derivatives in the segment's frame.
+/// A joint's rotation and its derivatives in the segment's frame.
 struct GroupState {
   Eigen::Quaterniond q = Eigen::Quaterniond::Identity();  ///< q_PB (q_WR of the root)
   Eigen::Vector3d w = Eigen::Vector3d::Zero();            ///< w_PB_B [rad/s]

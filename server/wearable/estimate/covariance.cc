@@ -117,23 +117,33 @@ void Covariance::predict(const BodyState& state, double time, const ProcessNoise
   const double t2 = time * time;
   const double q00 = t2 * t2 * time / 20.0, q01 = t2 * t2 / 8.0, q02 = t2 * time / 6.0;
   const double q11 = t2 * time / 3.0, q12 = t2 / 2.0, q22 = time;
-  const auto drive = [&](int first, double q) {
-    const int level = layout.level_size();
-    for (int c = first; c < first + 3; ++c) {
-      element(c, c) += q * q00;
-      element(c + level, c + level) += q * q11;
-      element(c + 2 * level, c + 2 * level) += q * q22;
-      element(c, c + level) += q * q01;
-      element(c + level, c) += q * q01;
-      element(c, c + 2 * level) += q * q02;
-      element(c + 2 * level, c) += q * q02;
-      element(c + level, c + 2 * level) += q * q12;
-      element(c + 2 * level, c + level) += q * q12;
+  const int level = layout.level_size();
+  const auto drive = [&](int row, int column, double q) {
+    for (int i = 0; i < 3; ++i, ++row, ++column) {
+      element(row, column) += q * q00;
+      element(row + level, column + level) += q * q11;
+      element(row + 2 * level, column + 2 * level) += q * q22;
+      element(row, column + level) += q * q01;
+      element(row + level, column) += q * q01;
+      element(row, column + 2 * level) += q * q02;
+      element(row + 2 * level, column) += q * q02;
+      element(row + level, column + 2 * level) += q * q12;
+      element(row + 2 * level, column + level) += q * q12;
     }
   };
-  drive(layout.rotation(0, 0), noise.root_turn_jerk);
-  for (int g = 1; g < layout.groups; ++g) drive(layout.rotation(g, 0), noise.joint_jerk);
-  drive(layout.root(0), noise.root_jerk);
+  drive(layout.rotation(0, 0), layout.rotation(0, 0), noise.root_turn_jerk);
+  drive(layout.root(0), layout.root(0), noise.root_jerk);
+  // The sum of a chain's m members has a joint's jerk; against each other they have little.
+  for (const std::vector<int>& chain : layout.chains) {
+    const auto m = static_cast<double>(chain.size());
+    for (const int i : chain) {
+      for (const int j : chain) {
+        const double apart = (i == j ? 1.0 : 0.0) - 1.0 / m;
+        drive(layout.rotation(i, 0), layout.rotation(j, 0),
+              noise.joint_jerk / (m * m) + noise.chain_jerk * apart);
+      }
+    }
+  }
   for (int i = 0; i < 3 * layout.boards; ++i) {
     add(layout.moving() + i, time * noise.gyro_bias);
     add(layout.moving() + 3 * layout.boards + i, time * noise.accel_bias);

@@ -16,6 +16,7 @@ namespace secondskin::server {
 /// Spectral densities of the noise that drives the state (docs/wearable-filter.md).
 struct ProcessNoise {
   double joint_jerk, root_turn_jerk, root_jerk;  ///< [(unit/s^3)^2 / Hz]
+  double chain_jerk;                             ///< of a chain's members against each other
   double gyro_bias, accel_bias, mount, sound;    ///< variance a second
 };
 

@@ -109,6 +109,17 @@ void put_block(int column, const Matrix3d& h, ObservationSet& set) noexcept {
   for (int c = 0; c < 3; ++c) set.entries.push_back({column + c, {h(0, c), h(1, c), h(2, c)}});
 }
 
+// Three rows whose entries, from `begin` on, are in the set already.
+void put_rows(int begin, const Vector3d& innovation, double variance, std::size_t tag,
+              ObservationSet& set) noexcept {
+  set.rows.push_back({set.size(), 3, begin, static_cast<int>(set.entries.size())});
+  for (int r = 0; r < 3; ++r) {
+    set.y.push_back(innovation[r]);
+    set.variance.push_back(variance);
+  }
+  set.tag.push_back(tag);
+}
+
 // M with a row in its first row only.
 Matrix3d as_row(const Vector3d& row) noexcept {
   Matrix3d m = Matrix3d::Zero();
@@ -339,15 +350,18 @@ void observe_rotation_along(const BodyModel& body, const BodyState& state, int g
 void observe_columns(int column, const Vector3d& innovation, double variance,
                      ObservationSet& set) noexcept {
   if (!set.has_room(3)) return;
-  const SparseRows rows{set.size(), 3, static_cast<int>(set.entries.size()),
-                        static_cast<int>(set.entries.size()) + 3};
+  const int begin = static_cast<int>(set.entries.size());
   put_block(column, Matrix3d::Identity(), set);
-  for (int r = 0; r < 3; ++r) {
-    set.y.push_back(innovation[r]);
-    set.variance.push_back(variance);
-  }
-  set.rows.push_back(rows);
-  set.tag.push_back(static_cast<std::size_t>(column));
+  put_rows(begin, innovation, variance, static_cast<std::size_t>(column), set);
+}
+
+void observe_likeness(int first, int second, const Vector3d& innovation, double variance,
+                      ObservationSet& set) noexcept {
+  if (!set.has_room(3)) return;
+  const int begin = static_cast<int>(set.entries.size());
+  put_block(first, Matrix3d::Identity(), set);
+  put_block(second, -Matrix3d::Identity(), set);
+  put_rows(begin, innovation, variance, static_cast<std::size_t>(first), set);
 }
 
 }  // namespace secondskin::server

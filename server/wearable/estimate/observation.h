@@ -93,4 +93,9 @@ void observe_rotation_along(const BodyModel& body, const BodyState& state, int g
 void observe_columns(int column, const Eigen::Vector3d& innovation, double variance,
                      ObservationSet& set) noexcept;
 
+/// That two times three columns of the state are alike; innovation is the second's less the
+/// first's.
+void observe_likeness(int first, int second, const Eigen::Vector3d& innovation, double variance,
+                      ObservationSet& set) noexcept;
+
 }  // namespace secondskin::server
