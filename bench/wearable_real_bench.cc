@@ -9,6 +9,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <fstream>
+#include <iostream>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -89,7 +90,7 @@ Drift drift(const sim::WornGarment& worn, std::uint64_t seed, bool contacts) {
         2.0 * std::numbers::pi));
   }
   out.minutes = (last - first) / 60.0;
-  if (getenv("DBG")) { for (std::size_t b=0;b<worn.garment().boards.size();++b){auto&c=source.filter().counts()[b]; fmt::print("{} g {}/{} a {}/{} d {}/{}\n",worn.garment().boards[b].name,c.gyro.used,c.gyro.gated,c.accel.used,c.accel.gated,c.distance.used,c.distance.gated);} fmt::print("contacts {} used {} refused {}\n",source.contacts().counts().contacts,source.contacts().counts().used,source.contacts().counts().refused);}
+  if (getenv("DBR")) { for (std::size_t b=0;b<worn.garment().boards.size();++b){auto&c=source.filter().counts()[b]; fmt::print("{} g {}/{} a {}/{} d {}/{}\n",worn.garment().boards[b].name,c.gyro.used,c.gyro.gated,c.accel.used,c.accel.gated,c.distance.used,c.distance.gated);} fmt::print("contacts {} used {} refused {}\n",source.contacts().counts().contacts,source.contacts().counts().used,source.contacts().counts().refused);}
   return out;
 }
 
@@ -207,14 +208,17 @@ std::vector<std::vector<double>> numbers(const fs::path& file, std::size_t heade
 }
 
 // A shoe is one rigid body by itself: the filter's root, without any limb.
+double env(const char*n,double d){const char*v=getenv(n);return v?atof(v):d;}
 FilterSettings shoe() {
   FilterSettings s;
-  s.root_turn_jerk = 900.0;  // feet are swung and stamped
-  s.root_jerk = 900.0;
-  s.gyro_noise = 0.02;  // on a shoe there is no soft tissue
-  s.accel_noise = 0.3;
+  s.gate=env("GATE",0.999);
+  s.root_turn_jerk = env("TJ",900.0);  // feet are swung and stamped
+  s.root_jerk = env("RJ",900.0);
+  s.gyro_noise = env("GN",0.02);  // on a shoe there is no soft tissue
+  s.accel_noise = env("AN",0.3);
   s.arm_sigma = 0.0;
   s.limits = false;
+  s.mount_sigma = env("MS",1e-4); s.mount_walk = 0.0; s.gyro_bias_walk=env("BW",1e-4); s.accel_bias_walk=env("AW",1e-3);
   return s;
 }
 
@@ -240,6 +244,7 @@ void Bench::one_foot(std::size_t which, const char* name) {
   BodyFilter filter(start.skeleton, garment, start.X_BS, shoe());
   filter.start(start.pose, start.stamp_ns, start.biases);
   ContactSettings standing;
+  standing.velocity=env("VS",0.03);standing.height=env("HS",0.02);
   standing.floor = true;  // the walk is on a level floor
   FootContacts contacts({{0, index(Joint::kPelvis), Vector3d::Zero(), 0.0}}, standing);
 
@@ -255,8 +260,10 @@ void Bench::one_foot(std::size_t which, const char* name) {
     R_WB.push_back(filter.pose().q_PB[0].toRotationMatrix());
     p_W.push_back(filter.pose().p_WR);
     rates.push_back(filter.joint_rate(Joint::kPelvis));
+    if (getenv("DBT") && times.back()>2.0&&times.back()<3.6) fmt::print("{:.3f} stands {} z {:.3f} v {:.2f} {:.2f} {:.2f} gyr {:.2f} acc {:.2f} used {} ref {} up {:.3f} {:.3f} {:.3f}\n",times.back(),contacts.stands(0),p_W.back().z(),filter.root_velocity().x(),filter.root_velocity().y(),filter.root_velocity().z(),m.boards[0].gyro.norm(),m.boards[0].accel.norm(),contacts.counts().used,contacts.counts().refused,R_WB.back()(2,0),R_WB.back()(2,1),R_WB.back()(2,2),filter.bias(0).gyro.norm(),filter.bias(0).accel.norm());
   }
 
+  if (getenv("DBR")) {auto&c=filter.counts()[0]; fmt::print("g {}/{} a {}/{} cont {} used {} ref {} gyro nis {} acc nis {}\n",c.gyro.used,c.gyro.gated,c.accel.used,c.accel.gated,contacts.counts().contacts,contacts.counts().used,contacts.counts().refused,filter.gyro_fit().nis/filter.gyro_fit().rows,filter.accel_fit().nis/filter.accel_fit().rows); for(auto&w:start.warnings)fmt::print("{}\n",w); fmt::print("heading {} {} clar {} exc {} rest {}\n",start.headings[0].turn,start.headings[0].found,start.headings[0].clarity,start.headings[0].excursion,start.rest); std::cout<<start.X_BS[0].linear()<<std::endl;}
   // Columns: L_TOE R_TOE L_FCC R_FCC R_FM5 L_FM5, three each after the row number [mm].
   const auto markers = numbers(data / "imu/gaitmap/mocap_sample.csv", 2);
   const std::size_t toe = which == 0 ? 1 : 4, heel = which == 0 ? 7 : 10,
@@ -305,7 +312,10 @@ void Bench::one_foot(std::size_t which, const char* name) {
     std::vector<std::string> cells;
     std::istringstream stream_of(line);
     for (std::string cell; std::getline(stream_of, cell, ',');) cells.push_back(cell);
-    const double from = std::stod(cells[2]) / 204.8, to = std::stod(cells[3]) / 204.8;
+    // Events are where the foot is slowest; a little later it still stands, and that is known.
+    constexpr double kKnown = 0.08;
+    const double from = std::stod(cells[2]) / 204.8 + kKnown;
+    const double to = std::stod(cells[3]) / 204.8 + kKnown;
     const auto at = [&](double time) {
       const auto i = std::lower_bound(times.begin(), times.end(), time) - times.begin();
       return p_W[std::min(p_W.size() - 1, static_cast<std::size_t>(i))];

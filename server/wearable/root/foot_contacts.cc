@@ -56,8 +56,13 @@ void FootContacts::update(const Measurement& measurement, BodyFilter& filter) no
     }
     foot.seen_ns = measurement.stamp_ns;
     const double gain = dt / (settings_.window + dt);
-    foot.rate += gain * (reading.gyro - filter.bias(foot.point.board).gyro - foot.rate);
-    foot.force += gain * (reading.accel.norm() - kGravity - foot.force);
+    // An impact counts as movement, however hard, not as a long one.
+    const double most_rate = 3.0 * settings_.rate_off, most_force = 3.0 * settings_.force_off;
+    Eigen::Vector3d rate_now = reading.gyro - filter.bias(foot.point.board).gyro;
+    rate_now *= std::min(1.0, most_rate / std::max(1e-9, rate_now.norm()));
+    const double force_now = std::clamp(reading.accel.norm() - kGravity, -most_force, most_force);
+    foot.rate += gain * (rate_now - foot.rate);
+    foot.force += gain * (force_now - foot.force);
     const double rate = foot.rate.norm(), force = std::abs(foot.force);
     const bool still = rate < settings_.rate_on && force < settings_.force_on;
     foot.still = still ? foot.still + dt : 0.0;

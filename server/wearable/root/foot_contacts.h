@@ -17,7 +17,7 @@
 namespace secondskin::server {
 
 struct ContactSettings {
-  double window = 0.05;   ///< readings are averaged over this: rounding, impact ringing [s]
+  double window = 0.03;   ///< readings are averaged over this: rounding, impact ringing [s]
   double lasting = 0.05;  ///< stillness this long is a contact [s]
   double rate_on = 0.7, rate_off = 1.2;    ///< of the board [rad/s]
   double force_on = 1.2, force_off = 2.5;  ///< | |accel| - g | [m/s^2]
