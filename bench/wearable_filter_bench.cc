@@ -64,6 +64,7 @@ struct Bench {
   fs::path data, repository = SECONDSKIN_SOURCE_DIR;
   int seeds = 10;
   double seconds = 30.0;
+  RunOptions run_options;
   FilterSettings settings;
   sim::WornErrors errors;
   std::vector<std::string> motions{"cmu/14_14.bvh", "cmu/13_26.bvh"};
@@ -116,24 +117,36 @@ void Bench::table1() {
         s.use_accel = c.accel;
         s.use_gyro = c.gyro;
         s.use_distances = c.distances;
-        RunOptions options;
+        RunOptions options = run_options;
         options.seed = static_cast<std::uint64_t>(seed);
         options.measurements.codec = codec;
         options.measurements.distances = c.distances;
         std::array<Moments, 3> error;
         const bool dbg = std::getenv("DBG");
         run(worn, s, options, [&](const Moment& moment) {
-          if (dbg && std::fmod(moment.time, 0.25) < 1.0/140) {
+          if (dbg && std::fmod(moment.time, 0.25) < 1.0 / 140) {
             const auto& f = moment.filter;
             ReadingCounts g, a, d;
             for (auto& c2 : f.counts()) {
-              g.used += c2.gyro.used; g.gated += c2.gyro.gated; g.missing += c2.gyro.missing;
-              a.used += c2.accel.used; a.gated += c2.accel.gated; a.missing += c2.accel.missing;
-              d.used += c2.distance.used; d.gated += c2.distance.gated; d.missing += c2.distance.missing;
+              g.used += c2.gyro.used;
+              g.gated += c2.gyro.gated;
+              g.missing += c2.gyro.missing;
+              a.used += c2.accel.used;
+              a.gated += c2.accel.gated;
+              a.missing += c2.accel.missing;
+              d.used += c2.distance.used;
+              d.gated += c2.distance.gated;
+              d.missing += c2.distance.missing;
             }
             double e[kJointCount];
-            for (int j = 0; j < 22; ++j) e[j] = deg(error_under_root(worn.skeleton(), f.pose(), moment.truth, Joint(j)));
-            fmt::print("{:.2f} g {} {} {} a {} {} {} d {} {} {} nis {:.2f} {:.2f} {:.2f} e {:.1f}\n", moment.time, g.used,g.gated,g.missing,a.used,a.gated,a.missing,d.used,d.gated,d.missing, f.gyro_fit().nis/f.gyro_fit().rows, f.accel_fit().nis/f.accel_fit().rows, f.distance_fit().nis/f.distance_fit().rows, fmt::join(e, " "));
+            for (int j = 0; j < 22; ++j)
+              e[j] = deg(error_under_root(worn.skeleton(), f.pose(), moment.truth, Joint(j)));
+            fmt::print(
+                "{:.2f} g {} {} {} a {} {} {} d {} {} {} nis {:.2f} {:.2f} {:.2f} e {:.1f}\n",
+                moment.time, g.used, g.gated, g.missing, a.used, a.gated, a.missing, d.used,
+                d.gated, d.missing, f.gyro_fit().nis / f.gyro_fit().rows,
+                f.accel_fit().nis / f.accel_fit().rows,
+                f.distance_fit().nis / f.distance_fit().rows, fmt::join(e, " "));
           }
           for (std::size_t j = 0; j < kJoints.size(); ++j) {
             error[j].add(deg(
@@ -186,13 +199,17 @@ int main(int argc, char** argv) {
   app.add_option("--combination", bench.combination, "one row of Table 1");
   app.add_flag("--codec", bench.codec, "inertial readings through 6-bit delta modulation");
   app.add_option("--joint-jerk", s.joint_jerk);
+  app.add_option("--root-turn-jerk", s.root_turn_jerk);
+  app.add_option("--root-jerk", s.root_jerk);
   app.add_option("--gyro-noise", s.gyro_noise);
   app.add_option("--accel-noise", s.accel_noise);
+  app.add_option("--root-sigma", bench.run_options.root_sigma_q, "of the given root [rad]");
   app.add_option("--arm-sigma", s.arm_sigma);
   app.add_option("--distance-noise", s.distance_noise);
   app.add_option("--gate", s.gate);
   app.add_option("--pose-sigma", s.pose_sigma);
   app.add_option("--mount-sigma", s.mount_sigma);
+  app.add_option("--mount-tilt", s.mount_tilt);
   app.add_option("--mount-walk", s.mount_walk);
   app.add_option("--gyro-bias-walk", s.gyro_bias_walk);
   app.add_option("--accel-bias-walk", s.accel_bias_walk);

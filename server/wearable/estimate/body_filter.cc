@@ -18,8 +18,8 @@ using Eigen::Vector3d;
 constexpr double kLongestStep = 0.02;   ///< of one prediction [s]
 constexpr double kLongestGap = 5.0;     ///< that is predicted; beyond, time only jumps [s]
 constexpr double kKnowledgeStep = 0.1;  ///< between two uses of what is known of bodies [s]
-constexpr double kLimitSlack = 0.17;    ///< beyond anatomy's ranges, which bodies exceed [rad]
-constexpr double kLimitSigma = 0.05;    ///< [rad]
+constexpr double kLimitSlack = 0.35;    ///< beyond anatomy's ranges, which bodies exceed [rad]
+constexpr double kLimitSigma = 0.3;     ///< [rad]
 // What is known of any body, used where it is more than the filter knows.
 constexpr double kAnyAngle = 1.5, kAnyRate = 8.0, kAnyAcceleration = 150.0;  // [rad], /s, /s^2
 constexpr double kAnyVelocity = 5.0, kAnyPush = 30.0;                        // [m/s], [m/s^2]
@@ -347,7 +347,13 @@ void BodyFilter::start(const Pose& pose, std::int64_t stamp_ns, std::span<const 
     s.x.boards[b] = {s.q_BS[b], bias.gyro, bias.accel};
     put(layout.gyro_bias(b), bias.gyro_sigma);
     put(layout.accel_bias(b), bias.accel_sigma);
-    put(layout.mount(b), s.settings.mount_sigma);
+    PathMotion path;
+    evaluate(s.body.skeleton, layout, s.x, s.body.fixed, s.body.segment_of[b], 0.0, path);
+    const Vector3d up_S = s.q_BS[b].conjugate() * path.end().R.transpose() * Vector3d::UnitZ();
+    const Eigen::Matrix3d about_up = up_S * up_S.transpose();
+    s.P.reset_block(layout.mount(b),
+                    square(s.settings.mount_sigma) * about_up +
+                        square(s.settings.mount_tilt) * (Eigen::Matrix3d::Identity() - about_up));
   }
   s.P.reset(layout.sound(), square(s.settings.sound_sigma));
   std::fill(s.in_vain.begin(), s.in_vain.end(), BoardInVain{});

@@ -20,20 +20,21 @@ namespace secondskin::server {
 /// Standard deviations unless said otherwise. The defaults are for a garment on a body, whose soft
 /// tissue moves: far above the sensors' own noise (section 5.2).
 struct FilterSettings {
-  double joint_jerk = 95.0;      ///< spectral density, root, of a joint's jerk [rad/s^3 / sqrt(Hz)]
-  double root_turn_jerk = 95.0;  ///< the same of the root's rotation
-  double root_jerk = 40.0;       ///< of the root's position [m/s^3 / sqrt(Hz)]
-  double gyro_noise = 0.05;      ///< a sample [rad/s]
-  double accel_noise = 0.5;      ///< a sample [m/s^2]
-  double arm_sigma = 0.1;        ///< of lever arms, as felt by accelerometers (observation.h) [m]
-  double distance_noise = 0.02;  ///< at confidence 1; divided by the confidence (5.2) [m]
-  double gate = 0.999;           ///< probability that a good reading passes
+  double joint_jerk = 1000.0;  ///< spectral density, root, of a joint's jerk [rad/s^3 / sqrt(Hz)]
+  double root_turn_jerk = 1000.0;  ///< the same of the root's rotation
+  double root_jerk = 200.0;        ///< of the root's position [m/s^3 / sqrt(Hz)]
+  double gyro_noise = 0.3;         ///< a sample [rad/s]
+  double accel_noise = 3.0;        ///< a sample [m/s^2]
+  double arm_sigma = 0.1;          ///< of lever arms, as felt by accelerometers (observation.h) [m]
+  double distance_noise = 0.05;    ///< at confidence 1; divided by the confidence (5.2) [m]
+  double gate = 0.999;             ///< probability that a good reading passes
   bool use_gyro = true, use_accel = true, use_distances = true;
   bool limits = true;  ///< joint limits, and bounds on what is not measured, as observations
 
   // What is unknown at the start, and how fast it may change.
-  double pose_sigma = 0.05;       ///< of each joint [rad]
-  double mount_sigma = 0.05;      ///< of a board's rotation on its segment, per axis [rad]
+  double pose_sigma = 0.01;       ///< of each joint [rad]
+  double mount_sigma = 0.05;      ///< of a board's turn on its segment about the vertical [rad]
+  double mount_tilt = 0.01;       ///< of its tilt, which gravity tells at rest [rad]
   double mount_walk = 5e-4;       ///< [rad per sqrt(s)]
   double gyro_bias_walk = 1e-4;   ///< [rad/s per sqrt(s)]
   double accel_bias_walk = 1e-3;  ///< [m/s^2 per sqrt(s)]

@@ -84,6 +84,12 @@ void Covariance::reset(int column, double variance) noexcept {
   element(column, column) = variance;
 }
 
+void Covariance::reset_block(int column, const Eigen::Matrix3d& covariance) noexcept {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) element(column + i, column + j) = covariance(i, j);
+  }
+}
+
 void Covariance::add(int column, double variance) noexcept { element(column, column) += variance; }
 
 void Covariance::predict(const BodyState& state, double time, const ProcessNoise& noise) noexcept {

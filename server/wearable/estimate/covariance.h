@@ -35,6 +35,8 @@ class Covariance {
   double at(int row, int column) const noexcept;
   /// Sets a variance and forgets all correlations of that column.
   void reset(int column, double variance) noexcept;
+  /// Sets the covariance of three columns in a row; they must be without correlations.
+  void reset_block(int column, const Eigen::Matrix3d& covariance) noexcept;
   /// Adds to a variance.
   void add(int column, double variance) noexcept;
 
