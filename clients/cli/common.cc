@@ -265,6 +265,10 @@ fs::path Library::find_suit(const std::string& name_or_path) const {
   return find_file("suit", "suits", name_or_path);
 }
 
+fs::path Library::find_garment(const std::string& name_or_path) const {
+  return find_file("garment", "garments", name_or_path);
+}
+
 fs::path Library::find_calibration_object(const std::string& name_or_path) const {
   return find_file("wand or grid", "calibration_objects", name_or_path);
 }

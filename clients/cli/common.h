@@ -43,6 +43,8 @@ class Library {
   std::filesystem::path marker_sets() const { return root_ / "marker_sets"; }
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
   std::filesystem::path find_suit(const std::string& name_or_path) const;
+  /// As find_suit, under garments/.
+  std::filesystem::path find_garment(const std::string& name_or_path) const;
   /// A wand or grid; as find_suit.
   std::filesystem::path find_calibration_object(const std::string& name_or_path) const;
   /// Where calibrations of an optical system are kept: $XDG_DATA_HOME/secondskin/optical.
@@ -155,6 +157,7 @@ std::string milliseconds(double seconds);
 void add_train(CLI::App& app);
 void add_services(CLI::App& app);
 void add_virtual_tags(CLI::App& app);
+void add_virtual_garment(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()

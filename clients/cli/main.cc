@@ -32,6 +32,7 @@ int run(int argc, char** argv) {
   cli::add_train(app);
   cli::add_services(app);
   cli::add_virtual_tags(app);
+  cli::add_virtual_garment(app);
   cli::add_suit(app);
   cli::add_files(app);
   cli::add_reference(app);

@@ -76,24 +76,30 @@ std::optional<Arrival> ArrivalFinder::find(std::span<const std::int16_t> slot,
   }
   estimate_noise();
 
-  const float strongest = *std::max_element(power_.begin(), power_.end());
-  const auto least = static_cast<float>(
-      std::max(kWellAbove * noise_, kShareOfStrongest * static_cast<double>(strongest)));
+  // Sound spreads: what comes late was louder for its age, so powers are compared as they would be
+  // at one distance.
+  const auto least = static_cast<float>(kWellAbove * noise_);
+  const auto loudness = [&](std::size_t i) {
+    const auto age = static_cast<float>(i);
+    return power_[i] * age * age;
+  };
+  float loudest = 0.0F;
+  for (std::size_t i = 0; i < power_.size(); ++i) {
+    if (power_[i] > least) loudest = std::max(loudest, loudness(i));
+  }
   std::size_t top = 0;
   bool rising = false;
-  for (std::size_t i = 0; i < power_.size(); ++i) {
+  for (std::size_t i = 1; i < power_.size(); ++i) {
     if (!rising) {
-      // Down again from the peak before, or from what the slot began with.
-      if (i > 0 && power_[i] > power_[i - 1] && power_[i] > least) {
-        rising = true;
-        top = i;
-      }
+      rising = power_[i] > power_[i - 1] && power_[i] > least;
+      top = i;
     } else if (power_[i] > power_[top]) {
       top = i;
     } else if (power_[i] < static_cast<float>(kFallen) * power_[top]) {
+      rising = false;
+      if (loudness(top) < static_cast<float>(kShareOfLoudest) * loudest) continue;
       const auto arrival = rise_to(top);
       if (arrival && arrival->inflection >= earliest) return arrival;
-      rising = false;
     }
   }
   return std::nullopt;

@@ -32,9 +32,9 @@ class ArrivalFinder {
   /// A peak must be so many times stronger than the ambient noise, whose power is exponentially
   /// distributed: noise alone exceeds it once in 10^7 slots.
   static constexpr double kWellAbove = 20.0;
-  /// And not weaker than this share of the slot's strongest: weaker ones before it are late echoes
-  /// of the pulses before.
-  static constexpr double kShareOfStrongest = 0.04;
+  /// And not weaker than this share of the slot's loudest, both times their squared way: weaker
+  /// ones before it are late echoes of the pulses before.
+  static constexpr double kShareOfLoudest = 0.02;
   /// A peak ends where the power has fallen to this share of it; what rises again sooner is ripple.
   static constexpr double kFallen = 0.7;
   /// Ambient noise no lower than this is believed, so that a dead line is not a quiet room
@@ -70,8 +70,8 @@ class ArrivalFinder {
 
 /// What is known of a source.
 struct SourceCalibration {
-  double offset = 40.0;   ///< inflection less the time of flight, "about 40" [A/D samples] (4.1)
-  double strength = 9e6;  ///< peak power times squared distance, facing it [A/D counts^2 m^2]
+  double offset = 40.0;     ///< inflection less the time of flight, "about 40" [A/D samples] (4.1)
+  double strength = 1.5e7;  ///< peak power times squared distance, facing it [A/D counts^2 m^2]
 };
 
 /// Turns arrivals of one source at one board into distances, and says how far to trust them.
