@@ -48,6 +48,7 @@ class WearableSource final : public PoseSource {
   // What the observer may want to see.
   const Garment& garment() const noexcept { return garment_; }
   const MeasurementStream& stream() const noexcept { return *stream_; }
+  std::uint64_t frame() const noexcept { return frame_; }  ///< of the newest pose
   bool started() const noexcept { return filter_.has_value(); }
   const StartResult& start() const noexcept { return *start_; }         ///< @pre started()
   const BodyFilter& filter() const noexcept { return *filter_; }        ///< @pre started()
