@@ -246,6 +246,7 @@ fs::path own_files() {
 
 fs::path Library::own_references() const { return own_files() / "reference_motions"; }
 fs::path Library::own_optical() const { return own_files() / "optical"; }
+fs::path Library::own_wearable() const { return own_files() / "wearable"; }
 
 std::vector<fs::path> Library::references() const {
   std::vector<fs::path> found;

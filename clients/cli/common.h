@@ -50,6 +50,8 @@ class Library {
   std::filesystem::path find_calibration_object(const std::string& name_or_path) const;
   /// Where calibrations of an optical system are kept: $XDG_DATA_HOME/secondskin/optical.
   std::filesystem::path own_optical() const;
+  /// Where calibrations of garments are kept, GARMENT.toml: $XDG_DATA_HOME/secondskin/wearable.
+  std::filesystem::path own_wearable() const;
   /// Where `reference add` puts new ones: $XDG_DATA_HOME/secondskin/reference_motions.
   std::filesystem::path own_references() const;
 
@@ -181,6 +183,7 @@ void add_virtual_garment(CLI::App& app);
 void add_suit(CLI::App& app);
 void add_calibrate(CLI::App& app);
 void add_calibrate_tactors(CLI::App& app);  ///< after add_calibrate()
+void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_study(CLI::App& app);
