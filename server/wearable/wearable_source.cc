@@ -155,6 +155,43 @@ bool WearableSource::gives_pose(const Measurement& measurement, StampedPose& pos
   return true;
 }
 
+// First what was felt while the start was looked for.
+bool WearableSource::next_measurement(Next& next) {
+  next = Next::kPose;
+  newest_ = &measurement_;
+  if (waited_ < waiting_.size()) {
+    newest_ = &waiting_[waited_++];
+    return true;
+  }
+  if (!waiting_.empty()) {
+    waiting_ = {};
+    waited_ = 0;
+  }
+  next = stream_->next(measurement_);
+  return next == Next::kPose;
+}
+
+void WearableSource::smooth_all() {
+  is_smoothed_ = true;
+  given_ = 0;
+  smoothed_.clear();
+  Smoother smoother(options_.filter);
+  std::vector<std::pair<std::size_t, std::uint64_t>> shown;  // of the smoother's samples; frame
+  StampedPose pose;
+  Next next{};
+  while (next_measurement(next)) {
+    process(*newest_);
+    if (newest_->kind != MeasurementKind::kInertial) continue;
+    smoother.add(*filter_);
+    if (gives_pose(*newest_, pose)) shown.emplace_back(smoother.size() - 1, pose.frame);
+  }
+  const auto all = smoother.smooth();
+  for (const auto& [at, frame] : shown) {
+    smoothed_.push_back(all[at]);
+    smoothed_.back().frame = frame;
+  }
+}
+
 Next WearableSource::next(StampedPose& pose) {
   const auto tell = [&](Next what) {
     if (observer_) observer_(*this, what);
@@ -166,20 +203,17 @@ Next WearableSource::next(StampedPose& pose) {
       Next next{};
       if (!look_for_start(next)) return tell(next);
     } else {
-      // First what was felt while the start was looked for.
-      const Measurement* newest = &measurement_;
-      if (waited_ < waiting_.size()) {
-        newest = &waiting_[waited_++];
-      } else {
-        if (!waiting_.empty()) {
-          waiting_ = {};
-          waited_ = 0;
-        }
-        const Next next = stream_->next(measurement_);
-        if (next != Next::kPose) return tell(next);
+      if (options_.smooth && !live()) {
+        if (!is_smoothed_) smooth_all();
+        if (given_ == smoothed_.size()) return tell(Next::kEnd);
+        pose = smoothed_[given_++];
+        frame_ = pose.frame;
+        return tell(Next::kPose);
       }
-      process(*newest);
-      if (gives_pose(*newest, pose)) return tell(Next::kPose);
+      Next next{};
+      if (!next_measurement(next)) return tell(next);
+      process(*newest_);
+      if (gives_pose(*newest_, pose)) return tell(Next::kPose);
     }
     if (!live()) continue;
     if (!began_ns) began_ns = measurement_.stamp_ns;
@@ -195,6 +229,7 @@ bool WearableSource::rewind() {
   waited_ = 0;
   begin();
   frame_ = 0;
+  is_smoothed_ = false;
   magnetic_ns_ = held_ns_ = 0;
   while (stream_->next(m) == Next::kPose) {
     if (m.stamp_ns > start_->stamp_ns) {

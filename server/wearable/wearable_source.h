@@ -7,6 +7,7 @@
 
 #include "server/pose_source.h"
 #include "server/wearable/estimate/body_filter.h"
+#include "server/wearable/estimate/smoother.h"
 #include "server/wearable/measurement.h"
 #include "server/wearable/root/foot_contacts.h"
 #include "server/wearable/start/initialise.h"
@@ -22,6 +23,8 @@ struct WearableOptions {
   bool use_contacts = true;
   /// Poses a second at most; every n-th inertial sample gives one. The filter uses all of them.
   double most_poses = 75.0;
+  /// Recordings: filter all of it first, then give the smoothed poses (smoother.h).
+  bool smooth = false;
   double magnetic = 0.25;  ///< of a magnetometer's direction among walls; 0: not used [rad]
 };
 
@@ -60,6 +63,8 @@ class WearableSource final : public PoseSource {
   void process(const Measurement& measurement);
   void use_magnetometers(const Measurement& measurement);
   void hold_root(std::int64_t stamp_ns);
+  void smooth_all();
+  [[nodiscard]] bool next_measurement(Next& next);
   [[nodiscard]] bool gives_pose(const Measurement& measurement, StampedPose& pose);
 
   std::unique_ptr<MeasurementStream> stream_;
@@ -72,8 +77,12 @@ class WearableSource final : public PoseSource {
   std::optional<StartResult> start_;
   std::optional<BodyFilter> filter_;
   std::optional<FootContacts> contacts_;
+  std::vector<StampedPose> smoothed_;
+  std::size_t given_ = 0;
+  bool is_smoothed_ = false;
   std::vector<std::optional<Eigen::Vector3d>> field_W_;  // a board's, at rest
   Measurement measurement_, reordered_;
+  const Measurement* newest_ = nullptr;
   std::optional<std::int64_t> first_ns_;
   std::optional<std::size_t> root_board_;  // segment of the first board, where the pelvis has none
   std::int64_t magnetic_ns_ = 0, held_ns_ = 0;
