@@ -79,6 +79,7 @@ server::SourceSettings SourceOptions::settings(const Library& library) const {
   }
   start.movement = movement;
   settings.wearable.options.use_contacts = !no_contacts;
+  settings.wearable.options.smooth = smooth;
   return settings;
 }
 
@@ -129,6 +130,8 @@ void add_source_options(CLI::App& command, SourceOptions& options) {
       ->check(CLI::Range(0.0, 60.0));
   command.add_option("--temperature", options.temperature,
                      "wearable: of the air in degrees Celsius (default: as the stream says)");
+  command.add_flag("--smooth", options.smooth,
+                   "wearable: of a recording, let what comes later correct what came earlier");
   command.add_flag("--no-contacts", options.no_contacts,
                    "wearable: do not take still feet as standing on the floor");
 }

@@ -92,7 +92,7 @@ struct SourceOptions {
   std::filesystem::path wearer, wearable_calibration;
   double stature = 1.75, movement = 0.0;
   std::optional<double> temperature;
-  bool no_contacts = false;
+  bool no_contacts = false, smooth = false;
 
   RetargetOptions retarget() const;
   server::SourceSettings settings(const Library& library) const;
