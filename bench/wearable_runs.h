@@ -14,6 +14,7 @@
 #include "motion/rotation.h"
 #include "server/wearable/estimate/body_filter.h"
 #include "sim/wearable/simulated_measurements.h"
+#include "sim/wearable/worn_garment.h"
 
 /// Runs of the wearable filter on a simulated garment, next to the truth: shared by benchmarks.
 namespace secondskin::bench {

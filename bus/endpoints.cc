@@ -39,6 +39,10 @@ struct Support<msg::ProjectorValues> {
   using Type = msg::ProjectorValuesPubSubType;
 };
 template <>
+struct Support<msg::PoseUncertainty> {
+  using Type = msg::PoseUncertaintyPubSubType;
+};
+template <>
 struct Support<msg::ServiceHealth> {
   using Type = msg::ServiceHealthPubSubType;
 };
@@ -303,6 +307,7 @@ SECONDSKIN_TOPIC(Correction)
 SECONDSKIN_TOPIC(TactorCommand)
 SECONDSKIN_TOPIC(EmergencyStop)
 SECONDSKIN_TOPIC(RepetitionScore)
+SECONDSKIN_TOPIC(PoseUncertainty)
 #undef SECONDSKIN_TOPIC
 
 }  // namespace secondskin::bus

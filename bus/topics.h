@@ -17,7 +17,7 @@ struct TopicInfo {
   std::string_view name;       ///< e.g. "pose"; also the name of its QoS profile
   std::string_view type_name;  ///< e.g. "secondskin_msgs::msg::dds_::SkeletonPose_"
 };
-inline constexpr std::array<TopicInfo, 13> kTopics{{
+inline constexpr std::array<TopicInfo, 14> kTopics{{
     {"skeleton", "secondskin_msgs::msg::dds_::SkeletonDefinition_"},
     {"pose", "secondskin_msgs::msg::dds_::SkeletonPose_"},
     {"points", "secondskin_msgs::msg::dds_::MarkerCloud_"},
@@ -31,6 +31,7 @@ inline constexpr std::array<TopicInfo, 13> kTopics{{
     {"tactors", "secondskin_msgs::msg::dds_::TactorCommand_"},
     {"stop", "secondskin_msgs::msg::dds_::EmergencyStop_"},
     {"repetition", "secondskin_msgs::msg::dds_::RepetitionScore_"},
+    {"uncertainty", "secondskin_msgs::msg::dds_::PoseUncertainty_"},
 }};
 
 /// The place of a message type's topic in kTopics.
@@ -62,6 +63,8 @@ template <>
 inline constexpr std::size_t kTopicOf<msg::EmergencyStop> = 11;
 template <>
 inline constexpr std::size_t kTopicOf<msg::RepetitionScore> = 12;
+template <>
+inline constexpr std::size_t kTopicOf<msg::PoseUncertainty> = 13;
 
 template <class Message>
 concept TopicMessage = kTopicOf<Message> < kTopics.size();

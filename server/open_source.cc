@@ -11,6 +11,8 @@
 #include "server/markers/marker_source.h"
 #include "server/replay/motion_source.h"
 #include "server/replay/recording_source.h"
+#include "server/wearable/csv/csv_stream.h"
+#include "server/wearable/signal/garment_receiver.h"
 
 namespace secondskin::server {
 namespace {
@@ -19,9 +21,11 @@ namespace fs = std::filesystem;
 
 constexpr std::string_view kReplay = "replay:";
 constexpr std::string_view kOptical = "optical:";
+constexpr std::string_view kWearable = "wearable:";
 constexpr const char* kKinds =
-    "expected replay:FILE or FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt or .txt.gz), or "
-    "optical:PORT,PORT... or optical:FILE,FILE...";
+    "expected replay:FILE or FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt or .txt.gz), "
+    "optical:PORT,PORT... or optical:FILE,FILE..., or wearable:FILE.garment, wearable:PORT, "
+    "wearable:tcp:ADDRESS:PORT or wearable:FILE.csv";
 
 std::unique_ptr<PoseSource> open_optical(const std::string& source,
                                          const OpticalSettings& settings) {
@@ -49,6 +53,51 @@ std::unique_ptr<PoseSource> open_optical(const std::string& source,
   auto body = calibrate_body(set, points).body;
   return std::make_unique<OpticalSource>(std::make_unique<OpticalReceiver>(places, format), rig,
                                          suit, body);
+}
+
+// A table's boards mostly sit as they may: then a few movements tell how.
+constexpr double kMovement = 12.0;  // [s]
+
+std::unique_ptr<PoseSource> open_table(const fs::path& table, const WearableSettings& settings) {
+  const fs::path file = settings.garment.empty() ? mapping_beside(table) : settings.garment;
+  if (!fs::exists(file)) {
+    throw std::runtime_error(
+        fmt::format("{}: which column is which? expected a mapping in {}, or named with --garment",
+                    table.string(), file.string()));
+  }
+  auto stream = std::make_unique<CsvStream>(table, CsvMapping::load(file));
+  WearableOptions options = settings.options;
+  options.start.mountings.clear();
+  bool known = true;
+  for (const CsvBoard& board : stream->mapping().boards) {
+    options.start.mountings.push_back(board.q_BS);
+    known = known && board.q_BS.has_value();
+  }
+  if (!known && options.start.movement == 0.0) options.start.movement = kMovement;
+  Garment garment = stream->garment();
+  return std::make_unique<WearableSource>(std::move(stream), std::move(garment), options);
+}
+
+std::unique_ptr<PoseSource> open_wearable(const std::string& source,
+                                          const WearableSettings& settings) {
+  constexpr std::string_view kTcp = "tcp:";
+  std::string place = source.substr(kWearable.size());
+  if (place.starts_with(kTcp)) place.erase(0, kTcp.size());
+  if (place.empty()) {
+    throw std::runtime_error(fmt::format("source '{}': no place named; {}", source, kKinds));
+  }
+  try {
+    if (place.ends_with(".csv") || place.ends_with(".csv.gz")) return open_table(place, settings);
+    const Garment garment = Garment::load(settings.garment);
+    const auto calibration = settings.calibration.empty()
+                                 ? WearableCalibration::nominal(garment)
+                                 : WearableCalibration::load(settings.calibration, garment);
+    return std::make_unique<WearableSource>(
+        std::make_unique<GarmentReceiver>(place, garment, calibration, settings.temperature),
+        garment, settings.options);
+  } catch (const std::exception& error) {
+    throw std::runtime_error(fmt::format("source '{}': {}", source, error.what()));
+  }
 }
 
 }  // namespace
@@ -108,6 +157,7 @@ MarkerMotion record_points(OpticalReceiver& receiver, const ProjectorRig& rig, c
 
 std::unique_ptr<PoseSource> open_source(const std::string& source, const SourceSettings& settings) {
   if (source.starts_with(kOptical)) return open_optical(source, settings.optical);
+  if (source.starts_with(kWearable)) return open_wearable(source, settings.wearable);
   const fs::path file(source.starts_with(kReplay) ? source.substr(kReplay.size()) : source);
   if (!fs::exists(file)) {
     throw std::runtime_error(fmt::format("source '{}': no such file; {}", source, kKinds));

@@ -10,6 +10,7 @@
 #include "motion/suit.h"
 #include "server/optical/optical_source.h"
 #include "server/pose_source.h"
+#include "server/wearable/wearable_source.h"
 
 namespace secondskin::server {
 
@@ -22,15 +23,26 @@ struct OpticalSettings {
   bool gray = false;           ///< the tags send the Gray code as it is read
 };
 
+/// What belongs to a garment and to who wears it.
+struct WearableSettings {
+  std::filesystem::path garment;  ///< motion/garment.h; for a table its mapping (csv_mapping.h), or
+                                  ///< empty: the .toml beside it
+  std::filesystem::path calibration;  ///< wearable_calibration.h; empty: nominal
+  WearableOptions options;
+  std::optional<double> temperature;  ///< of the air; empty: as the stream says [deg C]
+};
+
 /// What a source may need beside its name.
 struct SourceSettings {
   std::filesystem::path joint_maps, marker_sets;  ///< folders
   RetargetOptions retarget;
   OpticalSettings optical;
+  WearableSettings wearable;
 };
 
 /// Opens what a user names as a SOURCE: "replay:FILE" or just FILE (.bvh, .mcap, .c3d, .trc,
-/// UI-PRMD .txt and .txt.gz), "optical:PORT,PORT…" or "optical:FILE,FILE…", a port or file a tag.
+/// UI-PRMD .txt and .txt.gz), "optical:PORT,PORT…" or "optical:FILE,FILE…", a port or file a tag;
+/// "wearable:FILE.garment", "wearable:PORT", "wearable:tcp:ADDRESS:PORT" or "wearable:FILE.csv".
 /// @throws std::runtime_error naming the source, and the kinds that there are when it is none.
 std::unique_ptr<PoseSource> open_source(const std::string& source, const SourceSettings& settings);
 

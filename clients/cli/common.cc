@@ -66,13 +66,34 @@ server::SourceSettings SourceOptions::settings(const Library& library) const {
   if (const auto own = library.own_optical() / "body.toml"; body.empty() && fs::exists(own)) {
     settings.optical.body = own;
   }
+  settings.wearable.garment = garment.empty()       ? fs::path()
+                              : fs::exists(garment) ? fs::path(garment)
+                                                    : library.find_garment(garment);
+  settings.wearable.calibration = wearable_calibration;
+  settings.wearable.temperature = temperature;
+  auto& start = settings.wearable.options.start;
+  if (!wearer.empty()) {
+    start.wearer = server::Wearer::load(wearer);
+  } else {
+    start.wearer.stature = stature;
+  }
+  start.movement = movement;
+  settings.wearable.options.use_contacts = !no_contacts;
+  settings.wearable.options.smooth = smooth;
   return settings;
 }
 
 std::unique_ptr<server::PoseSource> SourceOptions::open(const std::string& source,
                                                         const Library& library) const {
   constexpr std::string_view kSim = "sim:";
-  const auto settings = this->settings(library);
+  auto settings = this->settings(library);
+  const bool table = source.ends_with(".csv") || source.ends_with(".csv.gz");
+  if (source.starts_with("wearable:") && !table) {
+    auto& wearable = settings.wearable;
+    if (wearable.garment.empty()) wearable.garment = library.find_garment("practical");
+    const auto own = library.own_wearable() / wearable.garment.filename();
+    if (wearable.calibration.empty() && fs::exists(own)) wearable.calibration = own;
+  }
   if (!source.starts_with(kSim)) return server::open_source(source, settings);
   const auto worn_by = server::open_source(source.substr(kSim.size()), settings);
   return std::make_unique<VirtualSuit>(server::read_all(*worn_by),
@@ -93,6 +114,39 @@ void add_source_options(CLI::App& command, SourceOptions& options) {
   command.add_option("--body", options.body,
                      "optical: the wearer's body (default: the last one measured)");
   command.add_flag("--gray", options.gray, "optical: the tags send the Gray code as it is read");
+  command.add_option("--garment", options.garment,
+                     "wearable: which garment is worn, name or .toml file (default: practical); of "
+                     "a table its mapping (default: the .toml beside it)");
+  command.add_option("--calibration", options.wearable_calibration,
+                     "wearable: the garment's calibration (default: the last one made)");
+  command.add_option("--stature", options.stature, "wearable: the wearer's height [m]")
+      ->check(CLI::Range(0.5, 2.5))
+      ->capture_default_str();
+  command.add_option("--wearer", options.wearer,
+                     "wearable: a .toml file with the wearer's measures, instead of --stature");
+  command
+      .add_option("--movement", options.movement,
+                  "wearable: seconds of movement after standing still that show how boards sit")
+      ->check(CLI::Range(0.0, 60.0));
+  command.add_option("--temperature", options.temperature,
+                     "wearable: of the air in degrees Celsius (default: as the stream says)");
+  command.add_flag("--smooth", options.smooth,
+                   "wearable: of a recording, let what comes later correct what came earlier");
+  command.add_flag("--no-contacts", options.no_contacts,
+                   "wearable: do not take still feet as standing on the floor");
+}
+
+WearableOutputs::WearableOutputs(bus::Participant& participant, server::PoseSource& source)
+    : source_(dynamic_cast<server::WearableSource*>(&source)) {
+  if (source_ == nullptr) return;
+  topics_ = std::make_unique<server::WearableTopics>(participant, *source_);
+  source_->observe([topics = topics_.get()](const server::WearableSource& from, server::Next what) {
+    topics->publish(from, what);
+  });
+}
+
+WearableOutputs::~WearableOutputs() {
+  if (source_ != nullptr) source_->observe({});
 }
 
 server::OpticalSource* optical_of(server::PoseSource& source) noexcept {

@@ -14,6 +14,7 @@
 #include "coach/coach_service.h"
 #include "motion/retarget.h"
 #include "server/open_source.h"
+#include "server/wearable/wearable_topics.h"
 
 /// What the subcommands share: options, the files that come with the program, ending on a signal.
 namespace secondskin::cli {
@@ -87,6 +88,11 @@ struct SourceOptions {
   std::string suit = "full_body";
   std::filesystem::path projectors, body;  ///< empty: the ones in Library::own_optical()
   bool gray = false;
+  std::string garment;  ///< name or file; empty: practical, and a table's own mapping
+  std::filesystem::path wearer, wearable_calibration;
+  double stature = 1.75, movement = 0.0;
+  std::optional<double> temperature;
+  bool no_contacts = false, smooth = false;
 
   RetargetOptions retarget() const;
   server::SourceSettings settings(const Library& library) const;
@@ -96,11 +102,25 @@ struct SourceOptions {
 };
 /// What to name where a SOURCE is asked for.
 inline constexpr const char* kSourceHelp =
-    "FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt), optical:PORT,PORT... or sim:FILE";
+    "FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt), optical:PORT,PORT..., "
+    "wearable:FILE.garment, wearable:PORT, wearable:FILE.csv or sim:FILE";
 void add_source_options(CLI::App& command, SourceOptions& options);
 
 /// The optical system behind a source; null where there is none.
 server::OpticalSource* optical_of(server::PoseSource& source) noexcept;
+
+/// What a wearable source gives beside poses: its topics. Nothing for another source.
+class WearableOutputs {
+ public:
+  WearableOutputs(bus::Participant& participant, server::PoseSource& source);
+  ~WearableOutputs();
+  WearableOutputs(const WearableOutputs&) = delete;
+  WearableOutputs& operator=(const WearableOutputs&) = delete;
+
+ private:
+  server::WearableSource* source_;
+  std::unique_ptr<server::WearableTopics> topics_;
+};
 
 /// What an optical source gives beside poses: its topics, and its bytes in files when asked for.
 /// Nothing for another source.

@@ -32,7 +32,8 @@ void capture(CLI::App& app) {
   auto* command = app.add_subcommand("capture", "run a source and publish its poses");
   command->footer(
       "Example:  secondskin capture replay:squat.bvh --loop --speed 0.5\n"
-      "          secondskin capture optical:/dev/ttyUSB0,/dev/ttyUSB1 --suit second_skin");
+      "          secondskin capture optical:/dev/ttyUSB0,/dev/ttyUSB1 --suit second_skin\n"
+      "          secondskin capture wearable:walk.csv --garment walk_columns.toml --stature 1.82");
   command->add_option("source", options->capture.source_name, kSourceHelp)->required();
   command->add_option("--speed", options->capture.speed, "times the source's own rate")
       ->check(CLI::Range(0.01, 100.0))
@@ -51,6 +52,7 @@ void capture(CLI::App& app) {
     auto source = options->from.open(options->capture.source_name, Library());
     bus::Participant participant(options->bus.configuration("secondskin_capture"));
     const OpticalOutputs optical(participant, *source, options->bytes);
+    const WearableOutputs wearable(participant, *source);
     server::CaptureService service(participant, *source, options->capture);
     spdlog::info("capture: {} at {:g} Hz, subject '{}', domain {}", options->capture.source_name,
                  source->rate_hz(), options->bus.config.subject, options->bus.config.domain);

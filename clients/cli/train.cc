@@ -281,6 +281,7 @@ void train(TrainOptions& options) {
 
   bus::Participant participant(options.bus.configuration("secondskin_train"));
   const OpticalOutputs optical(participant, *source);
+  const WearableOutputs wearable(participant, *source);
 
   tactor_driver::TactorService tactors(participant, {options.port, options.baud_rate});
   coach::CoachService coach(participant, std::move(coach_options));
