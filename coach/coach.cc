@@ -8,6 +8,7 @@ namespace {
 // First-order low-pass of the differenced joint velocities: quiet enough for a prediction over the
 // solver's horizon, late by no more than a frame or two.
 constexpr double kVelocityTimeConstant = 0.03;  // [s]
+constexpr double kEndless = 1e9;                // [s]
 constexpr double kLongestGap = 0.25;            // a longer one says nothing of velocity [s]
 
 double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
@@ -21,6 +22,8 @@ Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const Coac
       safe_range_(std::move(tactile.safe_range)),
       mapper_(std::move(map),
               {.max_cues = settings.max_cues,
+               .max_hold = tactile.endless ? kEndless : TactileOptions{}.max_hold,
+               .pause = tactile.endless ? 0.0 : TactileOptions{}.pause,
                .duration_scaled = tactile.duration_scaled,
                .command_lifetime = kCommandLifetime},
               tactile.exposure),
@@ -28,6 +31,7 @@ Coach::Coach(std::shared_ptr<const Reference> reference, BodyMap map, const Coac
       solver_(&solver),
       last_pose_(kJointCount) {
   problem_.learner = Pose(kJointCount);
+  problem_.habit = Habit(reference_->motion.duration());
   tolerance_scale_ = settings.tolerance_scale;
   set_tolerance(0.0);
 }
@@ -56,12 +60,20 @@ void Coach::estimate_velocity(const StampedPose& pose) noexcept {
   }
 }
 
+// A joint is cued when two results in a row ask it the same way: one may come of noise.
+void Coach::confirm(const CorrectionResult& result) noexcept {
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    confirmed_[j] = result.target[j].dot(in_use_.target[j]) > 0.0;
+  }
+}
+
 void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
   out.repetition.reset();
   out.handed_over = false;
 
   // A result is taken whatever the state, so that the solver is free for the next problem.
   if (auto result = solver_->take(pose.frame)) {
+    confirm(*result);
     in_use_ = *result;
     in_use_since_ns_ = pose.stamp_ns;
     out.handed_over = true;
@@ -79,6 +91,9 @@ void Coach::step(const StampedPose& pose, CoachOutput& out) noexcept {
   set_tolerance(alignment_.reference_time);
   const bool following =
       active && (alignment_.phase == Phase::kMoving || alignment_.phase == Phase::kPaused);
+  if (following && alignment_.phase == Phase::kMoving) {
+    problem_.habit.note(alignment_.reference_time, out.error);
+  }
   if (active) {
     out.repetition =
         scorer_.update(pose.stamp_ns, pose.pose, alignment_, out.error, mapper_.cues_given());
@@ -125,13 +140,21 @@ wire::BoardState Coach::cue(std::int64_t stamp_ns, bool following, const JointVe
     return mapper_.update(stamp_ns, wanted, others, tolerance, following && !muted_, alarm);
   }
   wanted = in_use_;
+  JointVectors shown;
+  const auto usual = [&](std::size_t j) {
+    return problem_.habit.at(alignment_.reference_time + alignment_.tempo * kHorizon, j);
+  };
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    if (!feedback_.joints[j]) wanted.target[j].setZero();
+    if (!feedback_.joints[j] || !confirmed_[j]) wanted.target[j].setZero();
     tolerance[j] = tolerance_[j] * feedback_.band;
+    // What counts is the error when the cue is answered. A prediction alone is no reason to cue:
+    // the error must show already, or be usual there.
+    const bool due = error[j].norm() > tolerance[j] || usual(j).norm() > tolerance[j];
+    shown[j] = due && !wanted.target[j].isZero() ? wanted.expected[j] : error[j];
   }
   const bool enabled =
       following && !muted_ && feedback_.joints.any() && wanted.status != SolverStatus::kNone;
-  return mapper_.update(stamp_ns, wanted, error, tolerance, enabled, alarm);
+  return mapper_.update(stamp_ns, wanted, shown, tolerance, enabled, alarm);
 }
 
 void Coach::pose_problem() noexcept {

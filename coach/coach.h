@@ -35,8 +35,9 @@ inline constexpr double kCorrectionPeriod = 1.0 / 15.0;
 /// What concerns the learner's skin and body rather than the exercise.
 struct TactileSetup {
   bool duration_scaled = false;  ///< cues last longer, not stronger, as the error grows
-  SafeRange safe_range;          ///< watched whatever the reference; empty for none
-  ExposureState exposure;        ///< what the skin bore before
+  bool endless = false;    ///< cues last as long as their error, without a pause for the answer
+  SafeRange safe_range;    ///< watched whatever the reference; empty for none
+  ExposureState exposure;  ///< what the skin bore before
 };
 
 struct CoachOutput {
@@ -93,6 +94,7 @@ class Coach {
 
  private:
   void estimate_velocity(const StampedPose& pose) noexcept;
+  void confirm(const CorrectionResult& result) noexcept;
   void set_tolerance(double reference_time) noexcept;
   wire::BoardState cue(std::int64_t stamp_ns, bool following, const JointVectors& error,
                        const SafeRangeAlarm* alarm) noexcept;
@@ -108,6 +110,7 @@ class Coach {
   CorrectionProblem problem_;    ///< reused, so that posing one allocates nothing
   AlignmentEstimate alignment_;  ///< the last one
   CorrectionResult in_use_;
+  JointSet confirmed_;  ///< of its targets
   Feedback feedback_;
   std::int64_t in_use_since_ns_ = 0;
   JointVectors velocity_ = zero_vectors();

@@ -37,14 +37,15 @@ constexpr std::array<const char*, 3> kGroups{"visual", "visual + tactile", "visu
 /// The three groups; the same people in the same order in each.
 struct Groups {
   std::array<std::vector<Curve>, 3> error, place_error;
-  std::array<double, 3> cues{}, reactions{}, counted{};  ///< means over people
+  std::array<double, 3> cues{}, reactions{}, right{}, wrong{}, counted{};  ///< means over people
 };
 
 // The pipe between processes carries numbers only.
 void flatten(const Person& person, std::vector<double>& out) {
   out.insert(out.end(), person.error.begin(), person.error.end());
   out.insert(out.end(), person.place_error.begin(), person.place_error.end());
-  for (const auto number : {person.cues, person.reactions, person.counted}) {
+  for (const auto number :
+       {person.cues, person.reactions, person.right, person.wrong, person.counted}) {
     out.push_back(static_cast<double>(number));
   }
 }
@@ -81,12 +82,13 @@ Groups run(const Protocol& protocol, const StudyOptions& options, bool sham, con
         at += static_cast<std::ptrdiff_t>(n);
         return curve;
       };
-      if (result.end() - at < static_cast<std::ptrdiff_t>(2 * n + 3)) {
+      if (result.end() - at < static_cast<std::ptrdiff_t>(2 * n + 5)) {
         throw std::runtime_error("study: a person did not come to the end of the protocol");
       }
       groups.error[g].push_back(take());
       groups.place_error[g].push_back(take());
-      for (auto* mean : {&groups.cues, &groups.reactions, &groups.counted}) {
+      for (auto* mean :
+           {&groups.cues, &groups.reactions, &groups.right, &groups.wrong, &groups.counted}) {
         (*mean)[g] += *at++ / static_cast<double>(results.size());
       }
     }
@@ -177,6 +179,7 @@ std::vector<Variation> variations(const Protocol& usual) {
          [&](Protocol& p) { p.learner.misread = misread; });
   }
   vary("reckons with own corrections", [&](Protocol& p) { p.learner.predicts = true; });
+  vary("cues without an end", [&](Protocol& p) { p.endless_cues = true; });
   for (const double scale : {0.2, 1.0}) {
     vary(fmt::format("tolerance x {:g}", scale),
          [&](Protocol& p) { p.settings.tolerance_scale = scale; });
@@ -187,17 +190,23 @@ std::vector<Variation> variations(const Protocol& usual) {
   return list;
 }
 
+// Which share of the corrections made while moving went towards what was missing then.
+std::string right_way(const Groups& groups, std::size_t g) {
+  const double all = groups.right[g] + groups.wrong[g];
+  return all > 0.0 ? fmt::format("{:.0f} %", 100.0 * groups.right[g] / all) : "-";
+}
+
 void print_groups(const Groups& groups, const Protocol& protocol, std::size_t count) {
   const std::size_t from = protocol.before, to = from + protocol.practice;
-  fmt::print("{:<18}{:>8}{:>11}{:>8}{:>11}{:>12}{:>8}{:>11}\n", "error (deg RMS)", "before",
-             "practice", "last", "retention", "rate/rep", "cues", "reactions");
+  fmt::print("{:<18}{:>8}{:>11}{:>8}{:>11}{:>12}{:>8}{:>11}{:>12}\n", "error (deg RMS)", "before",
+             "practice", "last", "retention", "rate/rep", "cues", "reactions", "right way");
   for (std::size_t g = 0; g < count; ++g) {
     const auto& error = groups.error[g];
-    fmt::print("{:<18}{:>8.2f}{:>11.2f}{:>8.2f}{:>11.2f}{:>10.2f} %{:>8.0f}{:>11.0f}\n", kGroups[g],
-               mean_deg(error, {0, from}), mean_deg(error, {from, to}),
+    fmt::print("{:<18}{:>8.2f}{:>11.2f}{:>8.2f}{:>11.2f}{:>10.2f} %{:>8.0f}{:>11.0f}{:>12}\n",
+               kGroups[g], mean_deg(error, {0, from}), mean_deg(error, {from, to}),
                mean_deg(error, {to - std::max<std::size_t>(1, protocol.practice / 3), to}),
                mean_deg(error, {to, protocol.repetitions()}), 100 * rate(error, {from, to}),
-               groups.cues[g], groups.reactions[g]);
+               groups.cues[g], groups.reactions[g], right_way(groups, g));
   }
 }
 
@@ -268,6 +277,8 @@ void run_study(const StudyOptions& options) {
                                    {"place_error_m", places},
                                    {"cues", groups.cues[g]},
                                    {"reactions", groups.reactions[g]},
+                                   {"right_way", groups.right[g]},
+                                   {"wrong_way", groups.wrong[g]},
                                    {"repetitions_counted", groups.counted[g]}};
     }
     for (const auto* list : {&rows, &of_place, &sensitivity}) {

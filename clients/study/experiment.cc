@@ -161,7 +161,9 @@ Person run_person(const Protocol& protocol, Group group, std::uint64_t seed,
   } else {
     source = std::make_unique<coach::NoSource>();
   }
-  coach::Coach coach(reference, protocol.map, protocol.settings, *source);
+  coach::TactileSetup tactile;
+  tactile.endless = protocol.endless_cues;
+  coach::Coach coach(reference, protocol.map, protocol.settings, *source, tactile);
   coach.feedback(none());
   Wire wire(protocol.map);
   ErrorMeter meter(*reference, served(protocol));
@@ -233,6 +235,8 @@ Person run_person(const Protocol& protocol, Group group, std::uint64_t seed,
   }
   person.cues = coach.cues_given();
   person.reactions = learner.reactions();
+  person.right = learner.right();
+  person.wrong = learner.wrong();
   person.given = log.cues();
   return person;
 }

@@ -22,6 +22,7 @@ struct Protocol {
   std::shared_ptr<const coach::Reference> reference;
   coach::BodyMap map;
   coach::CoachSettings settings{.tolerance_scale = 0.5, .max_cues = 2};
+  bool endless_cues = false;         ///< without a pause for the answer
   coach::FeedbackSchedule schedule;  ///< of the tactile group's practice
   std::size_t before = 3;            ///< repetitions alone: from memory, without expert or cues
   std::size_t practice = 15;
@@ -38,9 +39,11 @@ struct Person {
   /// the body map serves, by their weights [rad]; of the place of hands, feet and head of the limbs
   /// that it serves, in the pelvis' frame [m].
   std::vector<double> error, place_error;
-  std::uint64_t cues = 0;       ///< onsets that the coach gave
-  std::uint64_t reactions = 0;  ///< corrections that the person made of them
-  std::uint64_t counted = 0;    ///< repetitions that the coach counted
+  std::uint64_t cues = 0;              ///< onsets that the coach gave
+  std::uint64_t reactions = 0;         ///< corrections that the person made of them
+  std::uint64_t right = 0, wrong = 0;  ///< of them, made while moving: towards what was missing
+                                       ///< then, or not
+  std::uint64_t counted = 0;           ///< repetitions that the coach counted
   std::vector<coach::GivenCue> given;
 };
 

@@ -388,7 +388,9 @@ void CorrectionSolver::State::report(CorrectionResult& result) {
   const double before = model.error(alone);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     result.benefit[j] = 0.0;
-    if (result.target[j].isZero() || !(before > 0.0)) continue;
+    if (result.target[j].isZero()) continue;
+    result.expected[j] = model.expected_error(j);
+    if (!(before > 0.0)) continue;
     std::fill(alone.begin(), alone.end(), 0.0);
     const auto freedoms = model.freedoms();
     for (std::size_t i = 0; i < freedoms.size(); ++i) {

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "coach/correct/habit.h"
 #include "coach/reference.h"
 
 /// Which few joints, and where to: the correction as a nonlinear programme for Ipopt.
@@ -12,15 +13,8 @@
 /// the live path.
 namespace secondskin::coach {
 
-/// Rotation vectors by joint, each in the joint's own frame B: q_PB * exp(v). [rad]
-using JointVectors = std::array<Eigen::Vector3d, kJointCount>;
-
-/// Zero for every joint. JointVectors{} would not do: Eigen leaves its vectors unset.
-inline JointVectors zero_vectors() noexcept {
-  JointVectors zero;
-  for (Eigen::Vector3d& v : zero) v.setZero();
-  return zero;
-}
+/// How far a correction looks ahead in the learner's time: human reaction [s].
+inline constexpr double kHorizon = 0.3;
 
 struct CorrectionProblem {
   std::uint64_t frame = 0;  ///< the sample it is posed from
@@ -30,6 +24,7 @@ struct CorrectionProblem {
       zero_vectors();           ///< angular velocity of each joint, in its own frame [rad/s]
   double reference_time = 0.0;  ///< [s]
   double tempo = 1.0;
+  Habit habit{1.0};                     ///< what this learner usually gets wrong
   JointSet askable = JointSet().set();  ///< the others count, but are not asked to move
 };
 
@@ -40,13 +35,15 @@ struct CorrectionResult {
   SolverStatus status = SolverStatus::kNone;
   JointVectors target =
       zero_vectors();  ///< correction asked of each joint; zero where left alone [rad]
+  JointVectors expected = zero_vectors();     ///< error of each joint at the horizon's end, were
+                                              ///< nothing said: what the target answers [rad]
   std::array<double, kJointCount> benefit{};  ///< share of the weighted error removed by it, 0 to 1
   double solve_time = 0.0;                    ///< [s]
   std::uint32_t iterations = 0;
 };
 
 struct CorrectionOptions {
-  double horizon = 0.3;          ///< look-ahead in the learner's time [s]: human reaction
+  double horizon = kHorizon;     ///< look-ahead [s]
   double tolerance_scale = 1.0;  ///< of the reference's dead bands
   double sparsity = 1.0;         ///< price of asking one more joint to move; 0: none
   std::size_t max_joints = 2;    ///< at most so many are asked to move

@@ -28,7 +28,10 @@ constexpr double kLeastPrice = 1e-3;  // keeps the two signs of a correction apa
 constexpr double kEffort = 0.02;
 // A learner's lead over the reference's velocity fades with this time constant [s], and turns a
 // joint by no more than this [rad].
-constexpr double kVelocityMemory = 0.1;
+constexpr double kVelocityMemory = 0.03;
+// What the present error differs from the usual one fades as people correct themselves: within a
+// visual reaction [s].
+constexpr double kDeviationMemory = 0.25;
 constexpr double kLargestDrift = 20.0 * kDegree;
 // The peak velocity of a minimum-jerk movement over its mean.
 constexpr double kPeakVelocity = 1.875;
@@ -261,6 +264,7 @@ void CorrectionModel::predict(const CorrectionProblem& problem) {
       static_cast<std::size_t>(std::clamp(now * reference_->motion.rate_hz, 0.0, last) + 0.5);
   const Pose& reference_pose = poses[std::min(nearest, poses.size() - 1)];
 
+  const double known = problem.habit.known(now);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const bool root = j == index(Joint::kPelvis);
     const Eigen::Quaterniond& given = problem.learner.q_PB[j];
@@ -290,12 +294,17 @@ void CorrectionModel::predict(const CorrectionProblem& problem) {
       const Eigen::Quaterniond q_next = reference_rotation(*reference_, now + tempo * kStep, j);
       lead = problem.velocity[j] - rotation_vector(q_ref.conjugate() * q_next) / kStep;
     }
+    const Eigen::Vector3d habit_now = problem.habit.at(now, j);
     for (std::size_t k = 0; k < kKnots; ++k) {
       const double ahead = options_.horizon * static_cast<double>(k + 1) / kKnots;
       const Eigen::Quaterniond q_then = reference_rotation(*reference_, now + tempo * ahead, j);
       Eigen::Vector3d drift = lead * kVelocityMemory * -std::expm1(-ahead / kVelocityMemory);
       const double amount = drift.norm();
       if (amount > kLargestDrift) drift *= kLargestDrift / amount;
+      // eq. 5b
+      const double fades = -std::expm1(-ahead / kDeviationMemory);
+      drift -= problem.habit.at(now + tempo * ahead, j) - habit_now -
+               fades * (known * present_error_[j] - habit_now);
       const Eigen::Quaterniond predicted =
           measured_[j] ? q * (q_ref.conjugate() * q_then) * quaternion_from(drift) : q;
       knots_[k].angles[j] = joint_angles(static_cast<Joint>(j), settle(predicted.normalized()));
@@ -362,6 +371,12 @@ void CorrectionModel::open_joints(const JointSet& askable) {
   }
   candidate_ = compared_ & askable;
   open_ = candidate_;
+}
+
+Eigen::Vector3d CorrectionModel::expected_error(std::size_t joint) const noexcept {
+  const Knot& knot = knots_[kLastKnot];
+  const Eigen::Quaterniond q = joint_rotation(static_cast<Joint>(joint), knot.angles[joint]);
+  return rotation_vector(q.conjugate() * knot.reference[joint]);
 }
 
 void CorrectionModel::restrict_to(const JointSet& joints) noexcept {

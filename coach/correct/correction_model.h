@@ -101,6 +101,8 @@ class CorrectionModel {
   /// The correction as a rotation vector of each joint at the learner's present pose; a correction
   /// that would leave the joint's limits there is shortened to its last part inside.
   void targets(std::span<const double> delta, JointVectors& target) const;
+  /// Error of a joint at the last knot without a correction [rad].
+  Eigen::Vector3d expected_error(std::size_t joint) const noexcept;
   /// The closed form: up to `count` joints, the largest weighted error beyond the dead band first,
   /// each corrected to the edge of its dead band inside the bounds; one that would make the whole
   /// worse, or carry the centre of mass beyond the support, is passed over.

@@ -369,7 +369,16 @@ void TactileMapper::start_motors(double dt, wire::BoardState& board) noexcept {
   }
 }
 
-void TactileMapper::remove(std::size_t cue) noexcept {
+double TactileMapper::least_hold(std::size_t c) const noexcept {
+  if (!given_[c].place.rotation) return options_.min_hold;
+  const double round = static_cast<double>(kRingSize) * wire::kTapsPerSite *
+                       wire::drive_of(cues_[c].intensity).tap_interval;
+  return std::max(options_.min_hold, round);
+}
+
+void TactileMapper::remove(std::size_t cue, std::int64_t stamp_ns) noexcept {
+  quiet_until_ns_[index(sites_[index(cues_[cue].joint)].segment)] =
+      stamp_ns + std::llround(options_.pause * 1e9);
   --cue_count_;
   for (std::size_t c = cue; c < cue_count_; ++c) {
     cues_[c] = cues_[c + 1];
@@ -413,10 +422,15 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
   const auto is_felt = [&](std::size_t c) {
     const double lasted = seconds(stamp_ns - given_[c].onset_ns);
     if (!options_.duration_scaled || cues_[c].alarm || given_[c].place.rotation) {
-      return lasted >= options_.min_hold;
+      return lasted >= least_hold(c);
     }
     return lasted >= options_.min_hold &&
            std::fmod(lasted, kPeriod) >= std::min(options_.min_hold, on_time(given_[c].step));
+  };
+
+  const auto is_said = [&](std::size_t c) {
+    if (cues_[c].alarm || (options_.duration_scaled && !given_[c].place.rotation)) return false;
+    return seconds(stamp_ns - given_[c].onset_ns) >= std::max(options_.max_hold, least_hold(c));
   };
 
   // What goes on. Off at once: what may not be, and what must rest. Anything else waits until it
@@ -427,16 +441,17 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
     given.onset_ns = std::min(given.onset_ns, stamp_ns);
     const bool may_be = cues_[c].alarm ? alarm != nullptr : solved;
     if (!may_be || (alarmed(j) && !cues_[c].alarm)) {  // the alarm is another cue
-      remove(c);
+      remove(c, stamp_ns);
       continue;
     }
     const bool rest = rests(j, given.place, cues_[c].alarm);
     if (!rest && !is_felt(c)) continue;
-    const bool over = cues_[c].alarm ? !alarmed(j) : !(error[j].norm() > tolerance[j]);
+    const bool over =
+        cues_[c].alarm ? !alarmed(j) : is_said(c) || !(error[j].norm() > tolerance[j]);
     const auto where = !over && asked(j) ? place(j, wanted(j), &given.place, true, cues_[c].alarm)
                                          : std::optional<Place>{};
     if (!where) {
-      remove(c);
+      remove(c, stamp_ns);
       continue;
     }
     const bool same =
@@ -462,7 +477,10 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
   std::size_t count = 0;
   for (std::size_t j = 0; j < kJointCount; ++j) {
     if (!asked(j)) continue;
-    if (!alarmed(j) && !(error[j].norm() > kOnsetMargin * tolerance[j])) continue;
+    if (!alarmed(j) && (!(error[j].norm() > kOnsetMargin * tolerance[j]) ||
+                        stamp_ns < quiet_until_ns_[index(sites_[j].segment)])) {
+      continue;
+    }
     if (std::any_of(cues_.begin(), cues_.begin() + static_cast<std::ptrdiff_t>(cue_count_),
                     [&](const Cue& cue) { return index(cue.joint) == j; })) {
       continue;
@@ -504,7 +522,7 @@ wire::BoardState TactileMapper::update(std::int64_t stamp_ns, const CorrectionRe
     }
     if (rival) {
       if (!better(*rival)) continue;
-      remove(*rival);
+      remove(*rival, stamp_ns);
     }
     cues_[cue_count_] = Cue{};
     cues_[cue_count_].joint = static_cast<Joint>(candidate.joint);

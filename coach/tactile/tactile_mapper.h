@@ -16,8 +16,11 @@
 namespace secondskin::coach {
 
 struct TactileOptions {
-  std::uint32_t max_cues = 2;      ///< at most so many joints cued at once
-  double min_hold = 0.2;           ///< a cue lasts at least so long, to be felt [s]
+  std::uint32_t max_cues = 2;  ///< at most so many joints cued at once
+  double min_hold = 0.2;   ///< a cue lasts at least so long, to be felt; a turn at least one round
+                           ///< of its ring [s]
+  double max_hold = 0.25;  ///< and no longer, unless it is scaled by duration or an alarm: [s]
+  double pause = 0.55;     ///< then its segment is silent while the person reacts and moves [s]
   bool duration_scaled = false;    ///< swings: longer, not stronger, as the error grows
   double command_lifetime = 0.06;  ///< how long the board obeys a command that no other follows [s]
 };
@@ -108,7 +111,8 @@ class TactileMapper {
   bool rests(std::size_t joint, const Place& place, bool alarm) const noexcept;
   void write(std::size_t cue, std::int64_t stamp_ns, wire::BoardState& board) noexcept;
   void start_motors(double dt, wire::BoardState& board) noexcept;
-  void remove(std::size_t cue) noexcept;
+  void remove(std::size_t cue, std::int64_t stamp_ns) noexcept;
+  double least_hold(std::size_t cue) const noexcept;  ///< [s]
 
   BodyMap map_;
   TactileOptions options_;
@@ -118,6 +122,7 @@ class TactileMapper {
   std::array<Cue, kJointCount> cues_{};
   std::array<Given, kJointCount> given_{};
   std::size_t cue_count_ = 0;
+  std::array<std::int64_t, kJointCount> quiet_until_ns_{};  ///< by segment
   wire::BoardState last_board_{};
   std::int64_t last_stamp_ns_ = 0;
   std::array<double, wire::kTactorCount> motor_{};  ///< each motor's vibration by its model, 0 to 1

@@ -148,7 +148,10 @@ void VirtualLearner::act(const FeltCue& cue) {
   ++reactions_;
   // What the movement needs as it was meant is what is still missing and what was corrected
   // already.
-  if (part_ == Part::kMove) memory_.note(j, share(), needed + under_way_[j], true);
+  if (part_ == Part::kMove) {
+    ++(needed.dot(offset(j, share()) + noise_[j]) < 0.0 ? right_ : wrong_);
+    memory_.note(j, share(), needed + under_way_[j], true);
+  }
   correct(j, p_.share * left_of(needed, j, cue.felt));
 }
 

@@ -50,6 +50,10 @@ class VirtualLearner {
   double dependence() const noexcept { return memory_.dependence(); }
   /// Cues that were acted upon.
   std::uint64_t reactions() const noexcept { return reactions_; }
+  /// Of those, how many went the way in which something was missing when they began, and how many
+  /// another way; the rest came between repetitions.
+  std::uint64_t right() const noexcept { return right_; }
+  std::uint64_t wrong() const noexcept { return wrong_; }
 
  private:
   enum class Part { kReady, kMove, kHold, kReturn };
@@ -98,7 +102,7 @@ class VirtualLearner {
   double tempo_ = 1.0;
   bool cued_ = false, cued_before_ = false;  ///< in this repetition, in the last one
   std::size_t repetitions_ = 0;
-  std::uint64_t reactions_ = 0;
+  std::uint64_t reactions_ = 0, right_ = 0, wrong_ = 0;
   Pose reference_pose_, pose_, end_pose_;
 };
 

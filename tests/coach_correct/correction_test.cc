@@ -98,6 +98,44 @@ TEST(CorrectionSolver, AsksNothingInsideTheDeadBand) {
   EXPECT_EQ(asked_count(solver.solve(problem, kNoHurry)), 0u);
 }
 
+// docs/correction.md, eq. 5b: what is usual comes back, what is not fades.
+TEST(CorrectionSolver, ExpectsWhatIsUsualAndLittleOfWhatIsNot) {
+  const auto reference = shared(still_reference(Pose(kJointCount)));
+  CorrectionSolver solver(reference, canonical_skeleton());
+  constexpr std::size_t kElbow = index(Joint::kLeftElbow);
+  const Eigen::Vector3d thirty(0.0, -30.0 * kDegree, 0.0);
+  const auto habit_of = [&](const Eigen::Vector3d& error) {
+    Habit habit(reference->motion.duration());
+    JointVectors errors = zero_vectors();
+    errors[kElbow] = error;
+    for (int repetition = 0; repetition < 20; ++repetition) {
+      for (double t = 0.0; t < reference->motion.duration(); t += 0.02) habit.note(t, errors);
+    }
+    return habit;
+  };
+  CorrectionProblem problem = learner_at_rest();
+  problem.reference_time = 0.5;
+  problem.learner.q_PB[kElbow] = quaternion_from(-thirty);
+  const auto first = solver.solve(problem, kNoHurry);
+  EXPECT_LT((first.expected[kElbow] - thirty).norm(), 1e-6) << "nothing is known: the error stays";
+
+  problem.habit = habit_of(thirty);
+  const auto usual = solver.solve(problem, kNoHurry);
+  EXPECT_LT((usual.expected[kElbow] - thirty).norm(), 0.5 * kDegree);
+  EXPECT_LT((usual.target[kElbow] - first.target[kElbow]).norm(), 1.0 * kDegree);
+
+  problem.habit = habit_of(Eigen::Vector3d::Zero());
+  const auto unusual = solver.solve(problem, kNoHurry);
+  EXPECT_LT(unusual.target[kElbow].norm(), 0.5 * first.target[kElbow].norm());
+
+  // Not wrong yet, but about to be.
+  problem.habit = habit_of(thirty);
+  problem.learner.q_PB[kElbow].setIdentity();
+  const auto coming = solver.solve(problem, kNoHurry);
+  EXPECT_GT(coming.expected[kElbow].dot(thirty.normalized()), 15.0 * kDegree);
+  EXPECT_GT(coming.target[kElbow].dot(thirty), 0.0);
+}
+
 struct OneError {
   Joint joint;
   JointAngles learner;

@@ -76,18 +76,18 @@ TEST(CoachFeedback, OffNeverCuesAndFollowsAndScoresAllTheSame) {
   }
 }
 
-TEST(CoachFeedback, AWiderBandNeverCuesMore) {
+TEST(CoachFeedback, AWiderBandCuesLess) {
   const Motion learner = shipped_learner("low_block");
-  std::size_t last = learner.poses.size() + 1;
   std::vector<std::size_t> on;
-  for (const double band : {1.0, 2.0, 4.0, 8.0, 40.0}) {
+  // Far enough apart that it does not matter when the pauses between cues come.
+  for (const double band : {1.0, 4.0, 8.0, 40.0}) {
     Feedback feedback;
     feedback.band = band;
     on.push_back(session(learner, feedback).frames_on());
-    EXPECT_LE(on.back(), last) << band;
-    last = on.back();
+    if (on.size() > 1) {
+      EXPECT_LT(on.back(), on[on.size() - 2]) << band;
+    }
   }
-  EXPECT_LT(on[2], on[0]);
   EXPECT_EQ(on.back(), 0u);
 }
 

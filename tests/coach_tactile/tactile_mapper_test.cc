@@ -29,6 +29,9 @@ std::array<double, kJointCount> ten_degrees() {
   return tolerance;
 }
 
+/// Cues without an end, for what is seen over a longer time.
+constexpr TactileOptions kEndless{.max_hold = 1e9, .pause = 0.0};
+
 /// A body in which some joints are asked to move, each by its error.
 struct Scene {
   CorrectionResult correction;
@@ -289,7 +292,7 @@ TEST(TactileMapper, GrowsWithTheErrorAndPulsesOnlyVoiceCoils) {
   for (const auto actuator : {wire::Actuator::kVoiceCoil, wire::Actuator::kDcMotor}) {
     BodyMap map = shipped("arms");
     for (Tactor& tactor : map.tactors) tactor.actuator = actuator;
-    TactileMapper mapper(map);
+    TactileMapper mapper(map, kEndless);
     std::uint8_t last = 0;
     std::vector<double> levels;
     bool pulsed = false;
@@ -335,7 +338,7 @@ TEST(TactileMapper, HasNoMoreStepsThanCanBeToldApart) {
 }
 
 TEST(TactileMapper, DoesNotFlickerAtAnEdge) {
-  TactileMapper mapper(shipped("arms"));
+  TactileMapper mapper(shipped("arms"), kEndless);
   std::int64_t stamp = 0;
   // Around the edge between two steps (10 + 12 degrees), and around the dead band's onset.
   for (const double edge : {22.0, 11.0}) {
@@ -352,7 +355,7 @@ TEST(TactileMapper, DoesNotFlickerAtAnEdge) {
   }
   // A correction that points between two tactors, or between swing and rotation, stays at one.
   for (const Eigen::Vector3d& centre : {degrees(20, 20, 0), degrees(0, 20, 20)}) {
-    TactileMapper steady(shipped("arms"));
+    TactileMapper steady(shipped("arms"), kEndless);
     for (int i = 0; i < 500; ++i) {
       const Eigen::Vector3d wobble =
           0.03 * Eigen::Vector3d(std::sin(1.7 * i), std::sin(2.1 * i), 0);
@@ -381,6 +384,52 @@ TEST(TactileMapper, HoldsACueUntilItIsFelt) {
   (void)wrong.show(stopped, 0);
   EXPECT_TRUE(is_off(wrong.show(stopped, kFrame_ns, false)));
   EXPECT_TRUE(stopped.cues().empty());
+}
+
+TEST(TactileMapper, SpeaksAndThenWaitsForTheAnswer) {
+  const Scene wrong = Scene().ask(Joint::kLeftElbow, degrees(0, 30, 0));
+  for (const TactileOptions& options : {TactileOptions{}, TactileOptions{.pause = 1.0}}) {
+    TactileMapper mapper(shipped("arms"), options);
+    std::vector<double> changes;
+    bool on = false;
+    for (std::int64_t stamp = kFrame_ns; stamp < 3'000'000'000; stamp += kFrame_ns) {
+      const bool now = !is_off(wrong.show(mapper, stamp));
+      if (now != on) changes.push_back(1e-9 * static_cast<double>(stamp));
+      on = now;
+    }
+    ASSERT_GT(changes.size(), 3u);
+    for (std::size_t i = 1; i < changes.size(); ++i) {
+      const double wanted = i % 2 == 1 ? options.max_hold : options.pause;
+      EXPECT_NEAR(changes[i] - changes[i - 1], wanted, 0.035);
+    }
+  }
+  // An alarm goes on as long as its reason does.
+  SafeRangeAlarm alarm;
+  alarm.target = zero_vectors();
+  alarm.excess[index(Joint::kLeftElbow)] = 0.2;
+  alarm.target[index(Joint::kLeftElbow)] = degrees(0, 30, 0);
+  TactileMapper mapper(shipped("arms"));
+  for (std::int64_t stamp = kFrame_ns; stamp < 2'000'000'000; stamp += kFrame_ns) {
+    EXPECT_FALSE(is_off(mapper.update(stamp, {}, wrong.error, wrong.tolerance, false, &alarm)));
+  }
+}
+
+TEST(TactileMapper, ATurnGoesOnceRoundItsRing) {
+  for (const double deg : {12.0, 45.0}) {
+    const Scene wrong = Scene().ask(Joint::kLeftElbow, degrees(0, 0, deg));
+    TactileMapper mapper(shipped("arms"));
+    std::int64_t off_ns = 0;
+    std::uint8_t intensity = 0;
+    for (std::int64_t stamp = kFrame_ns; off_ns == 0 && stamp < 3'000'000'000; stamp += kFrame_ns) {
+      if (is_off(wrong.show(mapper, stamp))) {
+        off_ns = stamp;
+      } else {
+        intensity = mapper.cues()[0].intensity;
+      }
+    }
+    const double round = 8.0 * wire::drive_of(intensity).tap_interval;
+    EXPECT_NEAR(1e-9 * static_cast<double>(off_ns - kFrame_ns), round, 0.035) << deg;
+  }
 }
 
 TEST(TactileMapper, CuesTheMostUsefulJointsFirst) {
@@ -591,7 +640,7 @@ TEST(TactileMapper, PushesAMotorToItsLevelAndNoFurther) {
     tactor.ceiling = 0.9;
   }
   const Scene scene = Scene().ask(Joint::kLeftElbow, degrees(0, 23, 0));
-  TactileMapper mapper(map);
+  TactileMapper mapper(map, kEndless);
   const auto first = scene.show(mapper, kFrame_ns);
   const Cue cue = mapper.cues()[0];
   const double level = wire::drive_of(cue.intensity).level;
@@ -706,7 +755,7 @@ TEST(TactileMapper, LetsASiteRestAndMovesOrEndsItsCue) {
 }
 
 TEST(TactileMapper, RunsNoSiteHotHoweverLongTheErrorLasts) {
-  TactileMapper mapper(shipped("arms"));
+  TactileMapper mapper(shipped("arms"), kEndless);
   // Continuous at nearly full level, the harshest that a correction can ask for, for ten minutes.
   const Scene scene = Scene().ask(Joint::kLeftElbow, degrees(0, 10.0 + 17.9, 0));
   double hottest = 0.0, longest = 0.0;

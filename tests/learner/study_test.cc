@@ -26,6 +26,7 @@ Protocol blind() {
   protocol.practice = 5;
   protocol.retention = 1;
   protocol.learner.glance = 1e9;
+  protocol.settings.tolerance_scale = 0.25;  // so that everybody has something to be told
   return protocol;
 }
 
