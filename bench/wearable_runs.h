@@ -41,6 +41,27 @@ inline Motion stretched(const Motion& motion, double seconds) {
   return result;
 }
 
+/// A motion with some seconds of another one before it, and a second from one to the other.
+inline Motion preceded(const Motion& motion, const Motion& before, double seconds) {
+  if (seconds <= 0.0) return motion;
+  Motion result = stretched(resample(before, motion.rate_hz), seconds);
+  const Pose& first = motion.poses.front();
+  const Pose last = result.poses.back();
+  const Eigen::Vector3d shift(first.p_WR.x() - last.p_WR.x(), first.p_WR.y() - last.p_WR.y(), 0.0);
+  for (Pose& pose : result.poses) pose.p_WR += shift;
+  const auto steps = static_cast<int>(motion.rate_hz);
+  Pose between = first;
+  for (int i = 1; i < steps; ++i) {
+    const double u = static_cast<double>(i) / steps;
+    Pose from = last;
+    from.p_WR += shift;
+    interpolate(from, first, u * u * (3.0 - 2.0 * u), between);
+    result.poses.push_back(between);
+  }
+  result.poses.insert(result.poses.end(), motion.poses.begin(), motion.poses.end());
+  return result;
+}
+
 /// A stretch of a walk, again and again, on the spot: the stretch of 0.9 to 2.5 s whose ends are
 /// most alike, its end blended into what came before its beginning, without its advance.
 inline Motion treadmill_walk(const Motion& walk, double seconds) {
