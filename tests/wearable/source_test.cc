@@ -143,8 +143,7 @@ TEST(WearableSource, FollowsARealArmFromAPlainTable) {
   const auto file = kSource / "tests/data/imu/qmt/right_arm_first14s.csv.gz";
   const auto mapping = CsvMapping::load(kSource / "garments/csv/qmt_right_arm.toml");
   WearableOptions options;
-  options.start.mountings.assign(4, std::nullopt);
-  options.start.movement = 8.0;
+  for (const CsvBoard& board : mapping.boards) options.start.mountings.push_back(board.q_BS);
   auto stream = std::make_unique<CsvStream>(file, mapping);
   const Garment garment = stream->garment();
   WearableSource source(std::move(stream), garment, options);
