@@ -158,7 +158,7 @@ TEST(WearableSource, FollowsARealArmFromAPlainTable) {
     }
     ASSERT_EQ(m.stamp_ns, pose.stamp_ns);
     ASSERT_TRUE(pose.pose.is_valid());
-    if (pose.frame % 20 != 0) continue;
+    if (pose.frame % 10 != 0) continue;
     forward_kinematics(source.skeleton(), pose.pose.p_WR, pose.pose.q_PB, X_WB);
     const Eigen::Quaterniond a(X_WB[index(Joint::kRightElbow)].linear());
     const Eigen::Quaterniond b = *suit.orientations()[2];
