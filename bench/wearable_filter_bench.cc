@@ -3,7 +3,6 @@
 // wears a virtual garment. docs/wearable-filter.md quotes the output.
 
 #include <fmt/core.h>
-#include <fmt/format.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <set>
 
 #include "bench/wearable_runs.h"
+#include "server/wearable/estimate/covariance.h"
 #include "server/wearable/estimate/symmetric_kernel.h"
 
 namespace {
@@ -79,6 +79,9 @@ struct Bench {
 
   void table1();
   void speed();
+  void treadmill();
+  void faults();
+  void honesty();
 };
 
 void Bench::speed() {
@@ -122,32 +125,7 @@ void Bench::table1() {
         options.measurements.codec = codec;
         options.measurements.distances = c.distances;
         std::array<Moments, 3> error;
-        const bool dbg = std::getenv("DBG");
         run(worn, s, options, [&](const Moment& moment) {
-          if (dbg && std::fmod(moment.time, 0.25) < 1.0 / 140) {
-            const auto& f = moment.filter;
-            ReadingCounts g, a, d;
-            for (auto& c2 : f.counts()) {
-              g.used += c2.gyro.used;
-              g.gated += c2.gyro.gated;
-              g.missing += c2.gyro.missing;
-              a.used += c2.accel.used;
-              a.gated += c2.accel.gated;
-              a.missing += c2.accel.missing;
-              d.used += c2.distance.used;
-              d.gated += c2.distance.gated;
-              d.missing += c2.distance.missing;
-            }
-            double e[kJointCount];
-            for (int j = 0; j < 22; ++j)
-              e[j] = deg(error_under_root(worn.skeleton(), f.pose(), moment.truth, Joint(j)));
-            fmt::print(
-                "{:.2f} g {} {} {} a {} {} {} d {} {} {} nis {:.2f} {:.2f} {:.2f} e {:.1f}\n",
-                moment.time, g.used, g.gated, g.missing, a.used, a.gated, a.missing, d.used,
-                d.gated, d.missing, f.gyro_fit().nis / f.gyro_fit().rows,
-                f.accel_fit().nis / f.accel_fit().rows,
-                f.distance_fit().nis / f.distance_fit().rows, fmt::join(e, " "));
-          }
           for (std::size_t j = 0; j < kJoints.size(); ++j) {
             error[j].add(deg(
                 error_under_root(worn.skeleton(), moment.filter.pose(), moment.truth, kJoints[j])));
@@ -181,6 +159,140 @@ void Bench::table1() {
   }
 }
 
+// Figure 7: five minutes on a treadmill, one stretch of a recorded walk again and again.
+void Bench::treadmill() {
+  const Motion walk = treadmill_walk(
+      read_canonical(data / "bvh" / "cmu/131_01.bvh", repository / "joint_maps"), 300.0);
+  fmt::print("\nTreadmill: left shoulder under the given root, mean of each minute [deg]\n");
+  for (const bool distances : {false, true}) {
+    const sim::WornGarment worn(walk, garment(), errors, 1);
+    FilterSettings s = settings;
+    s.use_distances = distances;
+    RunOptions options = run_options;
+    options.measurements.distances = distances;
+    std::array<Moments, 5> minutes;
+    run(worn, s, options, [&](const Moment& moment) {
+      const auto minute = std::min<std::size_t>(4, static_cast<std::size_t>(moment.time / 60.0));
+      minutes[minute].add(deg(error_under_root(worn.skeleton(), moment.filter.pose(), moment.truth,
+                                               Joint::kLeftShoulder)));
+    });
+    fmt::print("{:<8}", distances ? "A+G+D" : "A+G");
+    json row;
+    for (const Moments& minute : minutes) {
+      fmt::print("{:>8.1f} ± {:>4.1f}", minute.mean(), minute.deviation());
+      row.push_back(minute.mean());
+    }
+    fmt::print("\n");
+    std::fflush(stdout);
+    report["treadmill"][distances ? "A+G+D" : "A+G"] = row;
+  }
+}
+
+// From 10 s to 70 s of 75 s; the same wearer and the same motion each time.
+void Bench::faults() {
+  const Motion played =
+      stretched(read_canonical(data / "bvh" / motions.front(), repository / "joint_maps"), 75.0);
+  struct Fault {
+    std::string name;
+    std::function<void(sim::GarmentFaults&, Garment&)> make;
+  };
+  const auto at = [](std::size_t which) { return sim::Outage{which, 13.0, 73.0}; };
+  const std::vector<Fault> cases{
+      {"none", [](sim::GarmentFaults&, Garment&) {}},
+      {"right upper arm's board silent",
+       [&](sim::GarmentFaults& f, Garment&) { f.silent.push_back(at(12)); }},
+      {"its digital stream broken",
+       [&](sim::GarmentFaults& f, Garment&) { f.bit_errors.push_back(at(12)); }},
+      {"hat's source blocked",
+       [&](sim::GarmentFaults& f, Garment&) { f.blocked.push_back(at(7)); }},
+      {"belly's three sources blocked",
+       [&](sim::GarmentFaults& f, Garment&) {
+         for (std::size_t i = 0; i < 3; ++i) f.blocked.push_back(at(i));
+       }},
+      {"air 10 K warmer than assumed",
+       [](sim::GarmentFaults& f, Garment&) { f.temperature_error = 10.0; }},
+      {"ranges of 250 deg/s and 2 g",
+       [](sim::GarmentFaults&, Garment& g) {
+         for (SensorBoard& board : g.boards) {
+           board.gyro_range *= 0.5;
+           board.accel_range *= 2.0 / 3.0;
+         }
+       }},
+  };
+  fmt::print("\nFaults from 10 to 70 s of 75 s: under the given root [deg]\n");
+  fmt::print("{:<34}{:>8}{:>16}{:>12}{:>10}{:>10}\n", "", "neck", "right shoulder", "left hip",
+             "mean", "after");
+  for (const Fault& fault : cases) {
+    Garment worn_garment = garment();
+    RunOptions options = run_options;
+    fault.make(options.measurements.faults, worn_garment);
+    const sim::WornGarment worn(played, worn_garment, errors, 1);
+    std::array<Moments, 3> during;
+    Moments all, afterwards;
+    run(worn, settings, options, [&](const Moment& moment) {
+      for (std::size_t j = 0; j < kJoints.size(); ++j) {
+        const double e =
+            deg(error_under_root(worn.skeleton(), moment.filter.pose(), moment.truth, kJoints[j]));
+        if (moment.time > 10.0 && moment.time < 70.0) {
+          during[j].add(e);
+          all.add(e);
+        }
+        if (moment.time > 72.0) afterwards.add(e);
+      }
+    });
+    fmt::print("{:<34}{:>8.1f}{:>16.1f}{:>12.1f}{:>10.1f}{:>10.1f}\n", fault.name, during[0].mean(),
+               during[1].mean(), during[2].mean(), all.mean(), afterwards.mean());
+    std::fflush(stdout);
+    report["faults"].push_back({{"fault", fault.name},
+                                {"mean", all.mean()},
+                                {"after", afterwards.mean()},
+                                {"right_shoulder", during[1].mean()}});
+  }
+}
+
+// How sure the filter is against how right: each joint's rotation error over its covariance, and
+// innovations over theirs; 1 is honest.
+void Bench::honesty() {
+  fmt::print("\nHonesty on real motion: normalised squares a degree of freedom, 1 is honest\n");
+  fmt::print("{:<34}{:>8}{:>8}{:>10}{:>10}\n", "", "joints", "gyro", "accel", "distance");
+  for (const bool tissue : {true, false}) {
+    sim::WornErrors e = errors;
+    if (!tissue) e.tissue_angle = e.tissue_place = 0.0;
+    const sim::WornGarment worn(motion(motions.front()), garment(), e, 1);
+    Moments nees;
+    InnovationFit gyro, accel, distance;
+    run(worn, settings, run_options, [&](const Moment& moment) {
+      const BodyFilter& filter = moment.filter;
+      for (std::size_t i = 1; i < kJointCount; ++i) {
+        const int group = filter.layout().group_of[i];
+        if (group == BodyLayout::kNoGroup) continue;
+        const int c = filter.layout().rotation(group, 0);
+        Eigen::Matrix3d P;
+        for (int r = 0; r < 3; ++r) {
+          for (int k = 0; k < 3; ++k) P(r, k) = filter.covariance().at(c + r, c + k);
+        }
+        const Eigen::Vector3d error =
+            rotation_vector(filter.pose().q_PB[i].conjugate() * moment.truth.q_PB[i]);
+        nees.add(error.dot(P.ldlt().solve(error)) / 3.0);
+      }
+      gyro = filter.gyro_fit();
+      accel = filter.accel_fit();
+      distance = filter.distance_fit();
+    });
+    const auto a_row = [](const InnovationFit& fit) {
+      return fit.nis / static_cast<double>(fit.rows);
+    };
+    fmt::print("{:<34}{:>8.2f}{:>8.3f}{:>10.3f}{:>10.3f}\n",
+               tissue ? "with soft tissue" : "without soft tissue", nees.mean(), a_row(gyro),
+               a_row(accel), a_row(distance));
+    report["honesty"].push_back({{"tissue", tissue},
+                                 {"joint_nees", nees.mean()},
+                                 {"gyro_nis", a_row(gyro)},
+                                 {"accel_nis", a_row(accel)},
+                                 {"distance_nis", a_row(distance)}});
+  }
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -192,7 +304,7 @@ int main(int argc, char** argv) {
   std::string json_file;
   FilterSettings& s = bench.settings;
   app.add_option("--data", bench.data, "folder of the shared recordings");
-  app.add_option("--only", only, "table1");
+  app.add_option("--only", only, "table1, treadmill, faults, honesty, speed; all unless given");
   app.add_option("--seeds", bench.seeds);
   app.add_option("--seconds", bench.seconds, "of motion a run");
   app.add_option("--motions", bench.motions, "below bvh/ of the data");
@@ -238,6 +350,9 @@ int main(int argc, char** argv) {
   const std::set<std::string> wanted(only.begin(), only.end());
   const auto is_wanted = [&](const char* name) { return wanted.empty() || wanted.contains(name); };
   if (is_wanted("table1")) bench.table1();
+  if (is_wanted("treadmill")) bench.treadmill();
+  if (is_wanted("faults")) bench.faults();
+  if (is_wanted("honesty")) bench.honesty();
   if (is_wanted("speed")) bench.speed();
   if (!json_file.empty()) {
     std::FILE* out = std::fopen(json_file.c_str(), "w");

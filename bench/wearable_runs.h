@@ -41,6 +41,61 @@ inline Motion stretched(const Motion& motion, double seconds) {
   return result;
 }
 
+/// A stretch of a walk, again and again, on the spot: the stretch of 0.9 to 2.5 s whose ends are
+/// most alike, its end blended into what came before its beginning, without its advance.
+inline Motion treadmill_walk(const Motion& walk, double seconds) {
+  const auto frames = [&](double s) { return static_cast<std::size_t>(s * walk.rate_hz); };
+  const std::size_t blend = frames(0.2);
+  const auto apart = [&](std::size_t a, std::size_t b) {
+    double sum = 0.0;
+    for (std::size_t i = 1; i < walk.skeleton.size(); ++i) {
+      sum += geodesic_distance(walk.poses[a].q_PB[i], walk.poses[b].q_PB[i]);
+    }
+    return sum;
+  };
+  std::size_t from = walk.poses.size() / 4, to = from + frames(0.9);
+  double least = INFINITY;
+  // The middle of the recording: people start and stop at its ends.
+  for (std::size_t a = walk.poses.size() / 4; a < walk.poses.size(); a += 4) {
+    for (std::size_t b = a + frames(0.9); b < a + frames(2.5); b += 2) {
+      if (b >= walk.poses.size() * 3 / 4) break;
+      const double way = (walk.poses[b].p_WR - walk.poses[a].p_WR).head<2>().norm();
+      if (way < 0.5 * static_cast<double>(b - a) / walk.rate_hz) continue;  // stands
+      const double d = apart(a, b) + apart(a + 4, b + 4);
+      if (d < least) {
+        least = d;
+        from = a;
+        to = b;
+      }
+    }
+  }
+  std::vector<Pose> round;
+  Eigen::Vector3d advance = walk.poses[to].p_WR - walk.poses[from].p_WR;
+  advance.z() = 0.0;
+  const auto on_the_spot = [&](std::size_t i) {
+    Pose pose = walk.poses[i];
+    pose.p_WR -= advance * ((static_cast<double>(i) - static_cast<double>(from)) /
+                            static_cast<double>(to - from));
+    return pose;
+  };
+  for (std::size_t i = from; i < to; ++i) {
+    Pose pose = on_the_spot(i);
+    if (i + blend > to) {
+      const Pose other = on_the_spot(i - (to - from));
+      const double u = static_cast<double>(i + blend - to) / static_cast<double>(blend);
+      Pose mixed = pose;
+      interpolate(pose, other, u, mixed);
+      pose = mixed;
+    }
+    round.push_back(pose);
+  }
+  Motion result{walk.skeleton, walk.rate_hz, {}};
+  const std::size_t wanted = frames(seconds) + 1;
+  while (result.poses.size() < wanted)
+    result.poses.push_back(round[result.poses.size() % round.size()]);
+  return result;
+}
+
 /// The simple start: the pose of rest is known; gyroscopes are zeroed and boards are turned until
 /// what they feel points up. Section 5.4 has more, and server/wearable/start.
 struct RestStart {

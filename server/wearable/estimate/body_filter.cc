@@ -23,9 +23,8 @@ constexpr double kLimitSigma = 0.3;     ///< [rad]
 // What is known of any body, used where it is more than the filter knows.
 constexpr double kAnyAngle = 1.5, kAnyRate = 8.0, kAnyAcceleration = 150.0;  // [rad], /s, /s^2
 constexpr double kAnyVelocity = 5.0, kAnyPush = 30.0;                        // [m/s], [m/s^2]
-// How alike the members of a chain turn (of one use, ten a second), and their jerk apart.
+// How alike the members of a chain turn, of one use, ten a second.
 constexpr double kChainAngle = 1.0, kChainRate = 3.0;  // [rad], [rad/s]
-constexpr double kChainJerk = 50.0;                    // [rad/s^3 / sqrt(Hz)]
 // A board whose readings did not pass for so long is taken with less weight until they do.
 constexpr int kPatience = 35;          ///< inertial readings
 constexpr int kDistancePatience = 30;  ///< distances, of all sources
@@ -116,7 +115,7 @@ BodyFilter::State::State(const Skeleton& canonical, const Garment& garment,
       passed(relax.size()),
       gate(gates(s.gate)),
       noise{square(s.joint_jerk), square(s.root_turn_jerk), square(s.root_jerk),
-            square(kChainJerk),   square(s.gyro_bias_walk), square(s.accel_bias_walk),
+            square(s.chain_jerk), square(s.gyro_bias_walk), square(s.accel_bias_walk),
             square(s.mount_walk), square(s.sound_walk)},
       counts(garment.boards.size()),
       in_vain(garment.boards.size()),
@@ -227,7 +226,6 @@ bool BodyFilter::State::use_alone() noexcept {
       std::all_of(passed.begin(), passed.begin() + static_cast<std::ptrdiff_t>(set.rows.size()),
                   [](char p) { return p != 0; });
   alone_in_vain = all ? 0 : alone_in_vain + 1;
-  if (!all && getenv("DBG")) printf("root gated\n");
   return all;
 }
 
