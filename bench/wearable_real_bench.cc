@@ -308,6 +308,7 @@ void Bench::one_foot(std::size_t which, const char* name) {
   filter.start(start.pose, start.stamp_ns, start.biases);
   ContactSettings standing;
   standing.velocity = 0.02;
+  standing.every = 0.02;
   standing.height = 0.01;
   standing.floor = true;  // the walk is on a level floor
   FootContacts contacts({{0, index(Joint::kPelvis), Vector3d::Zero(), 0.0}}, standing);
