@@ -308,6 +308,7 @@ void Bench::one_foot(std::size_t which, const char* name) {
   filter.start(start.pose, start.stamp_ns, start.biases);
   ContactSettings standing;
   standing.velocity = 0.02;
+  standing.every = 0.02;
   standing.height = 0.01;
   standing.floor = true;  // the walk is on a level floor
   FootContacts contacts({{0, index(Joint::kPelvis), Vector3d::Zero(), 0.0}}, standing);
@@ -441,7 +442,7 @@ void Bench::arm() {
   for (const auto& warning : source.start().warnings) fmt::print(table, "qmt: {}\n", warning);
   // The suit's segments have x to the front, y up, z to the right.
   Matrix3d axes;
-  axes << 1, 0, 0, 0, 0, 1, 0, -1, 0;
+  axes << 1, 0, 0, 0, 0, 1, 0, -1, 0;  // from ours to the suit's
   constexpr std::array kSegments{Joint::kSpineUpper, Joint::kRightShoulder, Joint::kRightElbow,
                                  Joint::kRightWrist};
   CsvStream suit(file, mapping);
@@ -457,7 +458,7 @@ void Bench::arm() {
     for (std::size_t s = 0; s < kSegments.size(); ++s) {
       if (!suit.orientations()[s]) continue;
       ours[s].push_back(X_WB[index(kSegments[s])].linear());
-      reference[s].push_back(suit.orientations()[s]->toRotationMatrix() * axes.transpose());
+      reference[s].push_back(suit.orientations()[s]->toRotationMatrix() * axes);
     }
   }
   // Each segment once as it is but for one heading, which its upper back tells, and once with the
@@ -482,7 +483,7 @@ void Bench::arm() {
     fmt::print(
         table,
         "qmt {:16}: {:5.1f} deg RMSE once axes agree ({:.1f} with the back's heading, {:.1f} "
-        "at most), tilt {:.1f}; {:.1f} as started without knowing any mounting; rate {:.0f} "
+        "at most), tilt {:.1f}; {:.1f} as started, mountings as in the mapping; rate {:.0f} "
         "of {:.0f} deg/s\n",
         mapping.garment.boards[s].name, deg(own.rmse), deg(shared.rmse), deg(own.worst),
         deg(own.tilt), deg(as_is.rmse), deg(std::sqrt(squares / n)), deg(std::sqrt(size / n)));

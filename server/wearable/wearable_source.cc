@@ -82,6 +82,7 @@ void WearableSource::begin() {
   filter_.emplace(skeleton_, garment_, start_->X_BS, options_.filter);
   filter_->start(start_->pose, start_->stamp_ns, start_->biases);
   contacts_.emplace(skeleton_, garment_, options_.contacts);
+  contacts_->stand_here(*filter_);
   first_ns_ = start_->stamp_ns;
   root_board_.reset();
   for (const SensorBoard& board : garment_.boards) {

@@ -17,6 +17,10 @@
 namespace secondskin::server {
 
 struct WearableOptions {
+  /// While the root is not given, what accelerometers feel is shared out between it and the limbs:
+  /// with less noise assumed, soft tissue turns limbs.
+  WearableOptions() { filter.accel_noise = 20.0; }
+
   StartSettings start;
   FilterSettings filter;
   ContactSettings contacts;

@@ -41,6 +41,12 @@ FootContacts::FootContacts(const Skeleton& canonical, const Garment& garment,
                            const ContactSettings& settings)
     : FootContacts(feet_of(canonical, garment), settings) {}
 
+void FootContacts::stand_here(const BodyFilter& filter) noexcept {
+  for (Foot& foot : feet_) {
+    foot.point.height = filter.point_position(foot.point.segment, foot.point.p_BQ).z();
+  }
+}
+
 void FootContacts::update(const Measurement& measurement, BodyFilter& filter) noexcept {
   if (measurement.kind != MeasurementKind::kInertial) return;
   for (Foot& foot : feet_) {

@@ -21,10 +21,10 @@ struct ContactSettings {
   double lasting = 0.05;  ///< stillness this long is a contact [s]
   double rate_on = 0.7, rate_off = 1.2;    ///< of the board [rad/s]
   double force_on = 1.2, force_off = 2.5;  ///< | |accel| - g | [m/s^2]
-  double velocity = 0.03;                  ///< of a standing foot's point: it rolls and slips [m/s]
-  double every = 0.02;                     ///< between two observations of one foot [s]
-  bool floor = true;                       ///< the ground is level: z = 0 wherever a foot stands
-  double height = 0.02;                    ///< of the floor and the sole [m]
+  double velocity = 0.1;                   ///< of a standing foot's point: it rolls and slips [m/s]
+  double every = 0.1;    ///< between two observations of one foot: their errors last [s]
+  bool floor = true;     ///< the ground is level: z = 0 wherever a foot stands
+  double height = 0.05;  ///< of the floor and the sole [m]
 };
 
 struct ContactCounts {
@@ -50,6 +50,11 @@ class FootContacts {
   /// Looks at an inertial measurement that the filter has processed, and tells the filter what it
   /// follows from feet that stand.
   void update(const Measurement& measurement, BodyFilter& filter) noexcept;
+
+  /// The wearer stands with all feet on the floor, as the filter has it now: the height at which a
+  /// foot stands is its own, so that legs which are not quite as long as assumed do not tilt the
+  /// body.
+  void stand_here(const BodyFilter& filter) noexcept;
 
   std::size_t feet() const noexcept { return feet_.size(); }
   bool stands(std::size_t foot) const noexcept { return feet_[foot].stands; }
