@@ -142,7 +142,7 @@ void Bench::table1() {
           sum += error[j].mean() / 3.0;
         }
         runs.add(sum);
-        if (getenv("V")) fmt::print(stderr, "{} seed {}: {:.1f} {:.1f} {:.1f}\n", motions[which], seed, error[0].mean(), error[1].mean(), error[2].mean());
+
       }
     }
     double paper = 0.0;

@@ -70,6 +70,23 @@ double radius_share(Joint segment) noexcept {
   return kUpperArm;
 }
 
+// Whether the segment ends in the open, so that the capsule's cap must stay inside its length.
+bool ends_free(Joint segment) noexcept {
+  switch (segment) {
+    case Joint::kSpineUpper:
+    case Joint::kHead:
+    case Joint::kLeftWrist:
+    case Joint::kRightWrist:
+    case Joint::kLeftToes:
+    case Joint::kRightToes:
+      return true;
+    default:
+      return false;
+  }
+}
+
+}  // namespace
+
 // The stature that an average body with these legs and this trunk has: hip to ankle is 0.491 and
 // hip to shoulder 0.288 of it (Drillis & Contini 1966, as canonical_skeleton).
 double average_stature(const Skeleton& s) noexcept {
@@ -88,23 +105,6 @@ double average_stature(const Skeleton& s) noexcept {
   }
   return (legs + (shoulders - hips).norm()) / (0.491 + 0.288);
 }
-
-// Whether the segment ends in the open, so that the capsule's cap must stay inside its length.
-bool ends_free(Joint segment) noexcept {
-  switch (segment) {
-    case Joint::kSpineUpper:
-    case Joint::kHead:
-    case Joint::kLeftWrist:
-    case Joint::kRightWrist:
-    case Joint::kLeftToes:
-    case Joint::kRightToes:
-      return true;
-    default:
-      return false;
-  }
-}
-
-}  // namespace
 
 Capsule segment_capsule(const Skeleton& canonical, Joint segment) noexcept {
   assert(canonical.size() == kJointCount);

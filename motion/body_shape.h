@@ -13,6 +13,9 @@ struct Capsule {
   double radius;         ///< at the middle of the axis [m]
 };
 
+/// The stature that an average body with these legs and this trunk has [m].
+double average_stature(const Skeleton& canonical) noexcept;
+
 /// The capsule of one segment of a canonical body, in proportion to its lengths.
 Capsule segment_capsule(const Skeleton& canonical, Joint segment) noexcept;
 

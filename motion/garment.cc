@@ -1,5 +1,6 @@
 #include "motion/garment.h"
 
+#include <algorithm>
 #include <set>
 
 #include "motion/toml_fields.h"
@@ -29,6 +30,26 @@ Eigen::Matrix3d frame(const Eigen::Vector3d& z, const Eigen::Vector3d& x) {
   R.col(2) = z;
   R.col(1) = R.col(2).cross(R.col(0));
   return R;
+}
+
+// Files divide trunk and shoulders in many ways, down to segments without a length, whose axis
+// points anywhere: there a garment sits as on an average body of that stature. Limbs are their own.
+const Skeleton& worn_by(const Skeleton& canonical, Joint segment,
+                        std::optional<Skeleton>& average) {
+  switch (segment) {
+    case Joint::kPelvis:
+    case Joint::kSpineLower:
+    case Joint::kSpineMiddle:
+    case Joint::kSpineUpper:
+    case Joint::kNeck:
+    case Joint::kHead:
+    case Joint::kLeftClavicle:
+    case Joint::kRightClavicle:
+      average.emplace(canonical_skeleton(std::clamp(average_stature(canonical), 0.5, 2.5)));
+      return *average;
+    default:
+      return canonical;
+  }
 }
 
 Eigen::Vector3d axis_of(const Skeleton& canonical, Joint segment) {
@@ -87,7 +108,9 @@ Garment Garment::load(const std::filesystem::path& file) {
   return garment;
 }
 
-Eigen::Isometry3d board_place(const Skeleton& canonical, const SensorBoard& board) noexcept {
+Eigen::Isometry3d board_place(const Skeleton& wearer, const SensorBoard& board) noexcept {
+  std::optional<Skeleton> average;
+  const Skeleton& canonical = worn_by(wearer, board.segment, average);
   const SkinPlace place = skin_place(canonical, board.segment, board.along, board.angle);
   Eigen::Isometry3d X_BS = Eigen::Isometry3d::Identity();
   X_BS.translation() = place.p_BS;
@@ -96,13 +119,15 @@ Eigen::Isometry3d board_place(const Skeleton& canonical, const SensorBoard& boar
   return X_BS;
 }
 
-Eigen::Isometry3d source_place(const Skeleton& canonical, const UltrasonicSource& source) noexcept {
+Eigen::Isometry3d source_place(const Skeleton& wearer, const UltrasonicSource& source) noexcept {
+  std::optional<Skeleton> average;
   Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
   if (!source.segment) {
     X.translation() = source.p_W;
     X.linear() = frame(*source.facing, Eigen::Vector3d::UnitX());
     return X;
   }
+  const Skeleton& canonical = worn_by(wearer, *source.segment, average);
   const SkinPlace place = skin_place(canonical, *source.segment, source.along, source.angle);
   X.translation() = place.p_BS + source.standoff * place.n_B;
   X.linear() = frame(source.facing.value_or(place.n_B), axis_of(canonical, *source.segment));

@@ -55,9 +55,9 @@ struct Garment {
 };
 
 /// Where a board sits on a body.
-Eigen::Isometry3d board_place(const Skeleton& canonical, const SensorBoard& board) noexcept;
+Eigen::Isometry3d board_place(const Skeleton& wearer, const SensorBoard& board) noexcept;
 
 /// Where a source sits: X_BU, or X_WU for one that is fixed in the world.
-Eigen::Isometry3d source_place(const Skeleton& canonical, const UltrasonicSource& source) noexcept;
+Eigen::Isometry3d source_place(const Skeleton& wearer, const UltrasonicSource& source) noexcept;
 
 }  // namespace secondskin

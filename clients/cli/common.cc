@@ -100,7 +100,7 @@ std::unique_ptr<server::PoseSource> SourceOptions::open(const std::string& sourc
                                        Suit::load(settings.optical.suit));
 }
 
-void add_source_options(CLI::App& command, SourceOptions& options) {
+void add_motion_options(CLI::App& command, SourceOptions& options) {
   command.add_option("--up", options.up, "the file's up axis (default: told from the poses)")
       ->check(CLI::IsMember({"y", "z"}));
   command
@@ -114,10 +114,14 @@ void add_source_options(CLI::App& command, SourceOptions& options) {
   command.add_option("--body", options.body,
                      "optical: the wearer's body (default: the last one measured)");
   command.add_flag("--gray", options.gray, "optical: the tags send the Gray code as it is read");
+}
+
+void add_source_options(CLI::App& command, SourceOptions& options) {
+  add_motion_options(command, options);
   command.add_option("--garment", options.garment,
                      "wearable: which garment is worn, name or .toml file (default: practical); of "
                      "a table its mapping (default: the .toml beside it)");
-  command.add_option("--calibration", options.wearable_calibration,
+  command.add_option("--garment-calibration", options.wearable_calibration,
                      "wearable: the garment's calibration (default: the last one made)");
   command.add_option("--stature", options.stature, "wearable: the wearer's height [m]")
       ->check(CLI::Range(0.5, 2.5))

@@ -105,6 +105,8 @@ inline constexpr const char* kSourceHelp =
     "FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt), optical:PORT,PORT..., "
     "wearable:FILE.garment, wearable:PORT, wearable:FILE.csv or sim:FILE";
 void add_source_options(CLI::App& command, SourceOptions& options);
+/// Those of sources without a worn garment: for commands that have a garment of their own.
+void add_motion_options(CLI::App& command, SourceOptions& options);
 
 /// The optical system behind a source; null where there is none.
 server::OpticalSource* optical_of(server::PoseSource& source) noexcept;

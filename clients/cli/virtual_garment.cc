@@ -227,7 +227,7 @@ void add_virtual_garment(CLI::App& app) {
   command->add_option("--bit-errors", o.bit_errors, "BOARD:FROM:TO with noise in its digital band");
   command->add_option("--overdriven", o.overdriven, "BOARD:FROM:TO whose amplifier saturates");
   command->add_option("--swapped", o.swapped, "A,B: boards plugged into each other's channel");
-  add_source_options(*command, o.from);
+  add_motion_options(*command, o.from);
   command->callback([options] { virtual_garment(*options); });
 }
 

@@ -147,7 +147,7 @@ void add_virtual_tags(CLI::App& app) {
   command->add_option("--calibration", options->calibration,
                       "write the virtual projectors' true calibration here");
   command->add_option("--true-body", options->body, "write the body's true measures here");
-  add_source_options(*command, options->from);
+  add_motion_options(*command, options->from);
   command->callback([options] { virtual_tags(*options); });
 }
 

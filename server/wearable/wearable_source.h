@@ -19,7 +19,11 @@ namespace secondskin::server {
 struct WearableOptions {
   /// While the root is not given, what accelerometers feel is shared out between it and the limbs:
   /// with less noise assumed, soft tissue turns limbs.
-  WearableOptions() { filter.accel_noise = 20.0; }
+  WearableOptions() {
+    filter.gyro_noise = 0.3;
+    filter.accel_noise = 20.0;
+    filter.distance_noise = 0.1;
+  }
 
   StartSettings start;
   FilterSettings filter;

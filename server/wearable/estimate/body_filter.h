@@ -24,10 +24,10 @@ struct FilterSettings {
   double chain_jerk = 50.0;    ///< of joints that no board tells apart, against each other
   double root_turn_jerk = 1000.0;  ///< the same of the root's rotation
   double root_jerk = 200.0;        ///< of the root's position [m/s^3 / sqrt(Hz)]
-  double gyro_noise = 0.3;         ///< a sample [rad/s]
-  double accel_noise = 6.0;        ///< a sample [m/s^2]
+  double gyro_noise = 0.15;        ///< a sample [rad/s]
+  double accel_noise = 8.0;        ///< a sample [m/s^2]
   double arm_sigma = 0.1;          ///< of lever arms, as felt by accelerometers (observation.h) [m]
-  double distance_noise = 0.1;     ///< at confidence 1; divided by the confidence (5.2) [m]
+  double distance_noise = 0.07;    ///< at confidence 1; divided by the confidence (5.2) [m]
   double gate = 0.999;             ///< probability that a good reading passes
   bool use_gyro = true, use_accel = true, use_distances = true;
   bool limits = true;  ///< joint limits, and bounds on what is not measured, as observations

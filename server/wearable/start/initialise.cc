@@ -19,6 +19,7 @@ constexpr double kOddTilt = 25.0 * kDegree;   // gravity this far off: not worn 
 constexpr double kOddGravity = 0.6;           // [m/s^2]
 constexpr double kOddOffset = 3.0 * kDegree;  // of a gyroscope [rad/s]
 constexpr double kOddDistance = 0.04;         // [m]
+constexpr double kFixedBones = 1e-4;          // as good as exact, and no trouble to the solver
 constexpr double kMeasuredBody = 0.01;        // of its bones, relative
 constexpr double kHeadingKnown = 0.05;        // of a board that sits as its file says [rad]
 constexpr double kOffsetFloor = 0.0005;       // what a gyroscope's offset keeps wandering
@@ -116,7 +117,7 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
       body, asked, rest.end_ns, {}, {}, {}, {}, swapped, channel, {body, {}, {}, {}, {}}, 0.0, {}};
   auto bones = bone_sigmas(settings.wearer);
   if (settings.body) bones.fill(kMeasuredBody);
-  if (!settings.refine_bones) bones.fill(1e-6);
+  if (!settings.refine_bones) bones.fill(kFixedBones);
   result.fit = fit_rest(body, bones, garment, asked, X_BS, known, rest, settings.fit);
   result.skeleton = result.fit.skeleton;
   result.pose = result.fit.pose;

@@ -7,6 +7,7 @@
 namespace secondskin::server {
 namespace {
 
+constexpr double kFurthestOnBody = 1.7;       // of a source from a board [m]
 constexpr std::int64_t kBlock = 100'000'000;  // [ns]
 constexpr std::int64_t kGap = 300'000'000;    // silence that ends a rest [ns]
 
@@ -23,7 +24,17 @@ double seconds(std::int64_t begin_ns, std::int64_t end_ns) {
 Hearing::Hearing(const Garment& garment)
     : heard_(Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(garment.sources.size()),
                                    static_cast<Eigen::Index>(garment.boards.size()))),
-      pulses_(Eigen::VectorXd::Zero(heard_.rows())) {}
+      pulses_(Eigen::VectorXd::Zero(heard_.rows())) {
+  for (const UltrasonicSource& source : garment.sources) {
+    furthest_.push_back(source.segment ? kFurthestOnBody : std::numeric_limits<double>::infinity());
+  }
+}
+
+bool Hearing::counts(std::size_t source, const DistanceReading& reading,
+                     double confidence) const noexcept {
+  return reading.confidence >= confidence && source < furthest_.size() &&
+         reading.distance <= furthest_[source];
+}
 
 void Hearing::add(const Measurement& measurement, double confidence) {
   const auto source = static_cast<Eigen::Index>(measurement.source);
@@ -31,7 +42,8 @@ void Hearing::add(const Measurement& measurement, double confidence) {
   pulses_[source] += 1.0;
   for (Eigen::Index b = 0; b < heard_.cols(); ++b) {
     const auto i = static_cast<std::size_t>(b);
-    if (i < measurement.distances.size() && measurement.distances[i].confidence >= confidence) {
+    if (i < measurement.distances.size() &&
+        counts(measurement.source, measurement.distances[i], confidence)) {
       heard_(source, b) += 1.0;
     }
   }
@@ -56,7 +68,7 @@ bool RestFinder::add(const Measurement& measurement) {
     hearing_.add(measurement, settings_.confidence);
     for (std::size_t b = 0; b < std::min(boards_, measurement.distances.size()); ++b) {
       const auto& reading = measurement.distances[b];
-      if (reading.confidence >= settings_.confidence && std::isfinite(reading.distance)) {
+      if (hearing_.counts(measurement.source, reading, settings_.confidence)) {
         block_.distances.push_back({measurement.source, b, reading.distance});
       }
     }

@@ -41,6 +41,10 @@ class Hearing {
   double pulses() const noexcept { return pulses_.sum(); }
 
  private:
+  friend class RestFinder;
+  bool counts(std::size_t source, const DistanceReading& reading, double confidence) const noexcept;
+
+  std::vector<double> furthest_;  ///< by source: what is heard from further off is an echo [m]
   Eigen::MatrixXd heard_;
   Eigen::VectorXd pulses_;
 };
@@ -50,7 +54,7 @@ struct RestSettings {
   double gyro = 0.06;                    ///< a mean over 0.1 s strays at most so far [rad/s]
   double accel = 0.4;                    ///< [m/s^2]
   double turning = 0.15;      ///< steady turning above this is no offset of a gyroscope [rad/s]
-  double confidence = 0.3;    ///< of a distance that counts
+  double confidence = 0.1;    ///< of a distance that counts
   double disobedient = 0.12;  ///< share of boards that may stray, e.g. a board that is loose
 };
 
