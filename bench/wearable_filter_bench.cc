@@ -142,7 +142,6 @@ void Bench::table1() {
           sum += error[j].mean() / 3.0;
         }
         runs.add(sum);
-
       }
     }
     double paper = 0.0;
