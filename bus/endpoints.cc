@@ -132,14 +132,13 @@ struct Writer<Message>::State final : dds::DataWriterListener {
 
   void on_publication_matched(dds::DataWriter*,
                               const dds::PublicationMatchedStatus& status) override {
-    {
-      const std::lock_guard lock(mutex);
-      readers = static_cast<std::uint32_t>(status.current_count);
-    }
+    const std::lock_guard lock(mutex);
+    readers = static_cast<std::uint32_t>(status.current_count);
     matched.notify_all();
   }
   void on_offered_incompatible_qos(dds::DataWriter*,
                                    const dds::OfferedIncompatibleQosStatus& status) override {
+    const std::lock_guard lock(mutex);
     incompatible = status.total_count;
   }
   ~State() override {
@@ -147,6 +146,7 @@ struct Writer<Message>::State final : dds::DataWriterListener {
       writer->set_listener(nullptr);
       owner->publisher->delete_datawriter(writer);
     }
+    const std::lock_guard last_call(mutex);  // a callback that had begun has ended
   }
 };
 
@@ -229,35 +229,46 @@ ReaderBase::Endpoint::~Endpoint() {
     reader->set_listener(nullptr);
     owner->subscriber->delete_datareader(reader);
   }
+  const std::lock_guard last_call(calls);  // a callback that had begun has ended
+}
+
+void ReaderBase::Endpoint::tell_through(dds::GuardCondition* condition) {
+  const std::lock_guard lock(calls);
+  news = condition;
 }
 
 void ReaderBase::Endpoint::tell() noexcept {
-  if (auto* condition = news.load()) condition->set_trigger_value(true);
+  if (news != nullptr) news->set_trigger_value(true);
 }
 
 void ReaderBase::Endpoint::on_subscription_matched(dds::DataReader*,
                                                    const dds::SubscriptionMatchedStatus& status) {
+  const std::lock_guard lock(calls);
   writers = static_cast<std::uint32_t>(status.current_count);
   tell();
 }
 
 void ReaderBase::Endpoint::on_liveliness_changed(dds::DataReader*,
                                                  const dds::LivelinessChangedStatus& status) {
+  const std::lock_guard lock(calls);
   alive_writers = static_cast<std::uint32_t>(status.alive_count);
   tell();
 }
 
 void ReaderBase::Endpoint::on_requested_deadline_missed(
     dds::DataReader*, const dds::RequestedDeadlineMissedStatus& status) {
+  const std::lock_guard lock(calls);
   deadline_missed = status.total_count;
 }
 
 void ReaderBase::Endpoint::on_sample_lost(dds::DataReader*, const dds::SampleLostStatus& status) {
+  const std::lock_guard lock(calls);
   lost = static_cast<std::uint64_t>(status.total_count);
 }
 
 void ReaderBase::Endpoint::on_requested_incompatible_qos(
     dds::DataReader*, const dds::RequestedIncompatibleQosStatus& status) {
+  const std::lock_guard lock(calls);
   incompatible = status.total_count;
   tell();
 }

@@ -46,7 +46,8 @@ struct Participant::Entities {
 struct ReaderBase::Endpoint final : dds::DataReaderListener {
   Participant::Entities* owner = nullptr;
   dds::DataReader* reader = nullptr;
-  std::atomic<dds::GuardCondition*> news{nullptr};
+  std::mutex calls;                     ///< held in every callback and by whoever changes `news`
+  dds::GuardCondition* news = nullptr;  ///< guarded by `calls`
   std::atomic<std::uint64_t> taken{0}, lost{0}, deadline_missed{0}, incompatible{0};
   std::atomic<std::uint32_t> writers{0}, alive_writers{0};
 
@@ -54,7 +55,9 @@ struct ReaderBase::Endpoint final : dds::DataReaderListener {
   void open(Participant::Entities& entities, const TopicInfo& info, dds::Topic* topic, Want want);
   ~Endpoint() override;
 
-  void tell() noexcept;
+  /// Whom to tell from now on; nullptr: nobody. Whoever was told before may go afterwards.
+  void tell_through(dds::GuardCondition* condition);
+
   void on_subscription_matched(dds::DataReader*, const dds::SubscriptionMatchedStatus&) override;
   void on_liveliness_changed(dds::DataReader*, const dds::LivelinessChangedStatus&) override;
   void on_requested_deadline_missed(dds::DataReader*,
@@ -62,6 +65,9 @@ struct ReaderBase::Endpoint final : dds::DataReaderListener {
   void on_sample_lost(dds::DataReader*, const dds::SampleLostStatus&) override;
   void on_requested_incompatible_qos(dds::DataReader*,
                                      const dds::RequestedIncompatibleQosStatus&) override;
+
+ private:
+  void tell() noexcept;  // with `calls` held
 };
 
 }  // namespace secondskin::bus

@@ -19,7 +19,7 @@ WaitSet::WaitSet() : state_(std::make_unique<State>()) {
 
 WaitSet::~WaitSet() {
   for (auto* reader : state_->readers) {
-    reader->endpoint().news = nullptr;
+    reader->endpoint().tell_through(nullptr);
     state_->set.detach_condition(reader->endpoint().reader->get_statuscondition());
   }
   state_->set.detach_condition(state_->news);
@@ -27,7 +27,7 @@ WaitSet::~WaitSet() {
 
 void WaitSet::attach(ReaderBase& reader) {
   state_->set.attach_condition(reader.endpoint().reader->get_statuscondition());
-  reader.endpoint().news = &state_->news;
+  reader.endpoint().tell_through(&state_->news);
   state_->readers.push_back(&reader);
 }
 
