@@ -9,12 +9,6 @@ namespace {
 // Below this the power series are exact to double precision where the closed forms lose digits.
 constexpr double kSmallAngle = 1e-4;
 
-Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) noexcept {
-  Eigen::Matrix3d m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
 }  // namespace
 
 Eigen::Vector3d rotation_vector(const Eigen::Quaterniond& q) noexcept {
@@ -46,6 +40,16 @@ double twist_angle(const Eigen::Quaterniond& q, const Eigen::Vector3d& axis) noe
   const double angle =
       q.w() < 0.0 ? 2.0 * std::atan2(-sine, -q.w()) : 2.0 * std::atan2(sine, q.w());
   return angle > -std::numbers::pi ? angle : std::numbers::pi;
+}
+
+Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& v) noexcept {
+  const double squared = v.squaredNorm();
+  const double angle = std::sqrt(squared);
+  const Eigen::Matrix3d cross = cross_matrix(v);
+  const double a = angle < 1e-3 ? 0.5 - squared / 24.0 : (1.0 - std::cos(angle)) / squared;
+  const double b =
+      angle < 1e-3 ? 1.0 / 6.0 - squared / 120.0 : (angle - std::sin(angle)) / (squared * angle);
+  return Eigen::Matrix3d::Identity() - a * cross + b * cross * cross;
 }
 
 Eigen::Matrix3d right_jacobian_inverse(const Eigen::Vector3d& rotation_vector) noexcept {

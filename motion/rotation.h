@@ -19,6 +19,17 @@ double geodesic_distance(const Eigen::Quaterniond& a, const Eigen::Quaterniond& 
 /// twist).
 double twist_angle(const Eigen::Quaterniond& q, const Eigen::Vector3d& axis) noexcept;
 
+/// [v]x: cross_matrix(v) * u is v.cross(u).
+inline Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) noexcept {
+  Eigen::Matrix3d m;
+  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
+  return m;
+}
+
+/// The right Jacobian of SO(3) at v: d log(exp(v)^-1 exp(v + e)) / d e at e = 0. Sola et al. 2018,
+/// equation 143.
+Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& rotation_vector) noexcept;
+
 /// The inverse of the right Jacobian of SO(3) at v: d log(exp(v) exp(e)) / d e at e = 0.
 /// Sola et al. 2018, "A micro Lie theory", equation 144.
 Eigen::Matrix3d right_jacobian_inverse(const Eigen::Vector3d& rotation_vector) noexcept;

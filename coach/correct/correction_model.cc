@@ -42,23 +42,6 @@ constexpr std::size_t kLastKnot = kKnots - 1;
 
 double wrapped(double angle) noexcept { return std::remainder(angle, 2.0 * std::numbers::pi); }
 
-Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) noexcept {
-  Eigen::Matrix3d m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
-// The right Jacobian of SO(3), Sola et al. 2018, eq. 143.
-Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& v) noexcept {
-  const double squared = v.squaredNorm();
-  const double angle = std::sqrt(squared);
-  const Eigen::Matrix3d cross = cross_matrix(v);
-  const double a = angle < 1e-3 ? 0.5 - squared / 24.0 : (1.0 - std::cos(angle)) / squared;
-  const double b =
-      angle < 1e-3 ? 1.0 / 6.0 - squared / 120.0 : (angle - std::sin(angle)) / (squared * angle);
-  return Eigen::Matrix3d::Identity() - a * cross + b * cross * cross;
-}
-
 // w_PB_B = rate * d(angles)/dt for the convention of the joint (eq. 4).
 Eigen::Matrix3d angle_rate(std::size_t joint, const JointAngles& angles) noexcept {
   const JointAnatomy& anatomy = canonical_anatomy()[joint];

@@ -16,24 +16,6 @@ using Matrix3 = Eigen::Matrix3d;
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 
-Matrix3 cross_matrix(const Vector3& v) noexcept {
-  Matrix3 m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
-// The right Jacobian of SO(3) (Sola et al. 2018, equation 143).
-Matrix3 right_jacobian(const Vector3& v) noexcept {
-  const double squared = v.squaredNorm(), angle = std::sqrt(squared);
-  const Matrix3 cross = cross_matrix(v);
-  double a = 0.5 - squared / 24.0, b = 1.0 / 6.0 - squared / 120.0;
-  if (angle > 1e-3) {
-    a = (1.0 - std::cos(angle)) / squared;
-    b = (angle - std::sin(angle)) / (squared * angle);
-  }
-  return Matrix3::Identity() - a * cross + b * cross * cross;
-}
-
 // The shortest turn from one direction to another.
 Eigen::Quaterniond shortest_arc(const Vector3& from, const Vector3& to) noexcept {
   const Vector3 a = from.normalized(), b = to.normalized();

@@ -91,6 +91,18 @@ TEST(RightJacobianInverse, IsTheDerivativeOfTheLogarithm) {
   }
 }
 
+TEST(RightJacobian, IsTheInverseOfItsInverse) {
+  std::mt19937 generator(8);
+  for (int i = 0; i < 1000; ++i) {
+    Eigen::Vector3d v = random_vector(generator, 1.0);
+    if (i % 3 == 0) v *= 1e-3;
+    if (v.norm() > 3.0) v *= 3.0 / v.norm();
+    EXPECT_TRUE((right_jacobian(v) * right_jacobian_inverse(v)).isIdentity(1e-9)) << v.transpose();
+    EXPECT_TRUE(
+        (cross_matrix(v) * Eigen::Vector3d(1, 2, 3)).isApprox(v.cross(Eigen::Vector3d(1, 2, 3))));
+  }
+}
+
 TEST(RightJacobianInverse, IsFiniteAtZeroAndAtPi) {
   EXPECT_TRUE(right_jacobian_inverse(Eigen::Vector3d::Zero()).isIdentity());
   EXPECT_TRUE(right_jacobian_inverse({kPi, 0, 0}).allFinite());

@@ -12,12 +12,6 @@ namespace {
 // Drift is added in steps of so long: it is slow against that [s].
 constexpr double kDriftStep = 0.25;
 
-Eigen::Matrix3d skew(const Eigen::Vector3d& v) noexcept {
-  Eigen::Matrix3d m;
-  m << 0.0, -v.z(), v.y(), v.z(), 0.0, -v.x(), -v.y(), v.x(), 0.0;
-  return m;
-}
-
 }  // namespace
 
 SegmentFilter::SegmentFilter(std::size_t detectors, const SegmentMotion& motion,
@@ -164,7 +158,7 @@ void SegmentFilter::spread_drift() noexcept {
   Eigen::Matrix<double, 6, 6> N = Eigen::Matrix<double, 6, 6>::Zero();
   const auto U = [&](std::size_t i) {
     Eigen::Matrix<double, 3, 6> u;
-    u << Eigen::Matrix3d::Identity(), -skew(r_.col(static_cast<Eigen::Index>(i)));
+    u << Eigen::Matrix3d::Identity(), -cross_matrix(r_.col(static_cast<Eigen::Index>(i)));
     return u;
   };
   for (std::size_t i = 0; i < placed_.size(); ++i) {

@@ -2,17 +2,13 @@
 
 #include <cassert>
 
+#include "motion/rotation.h"
+
 namespace secondskin::server {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
-
-Matrix3d cross_matrix(const Vector3d& v) noexcept {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
 
 // How a point moves in the frame of the segment before a joint, written in W.
 struct RelativeMotion {
