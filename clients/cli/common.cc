@@ -5,6 +5,7 @@
 #include <fmt/ranges.h>
 #include <poll.h>
 #include <signal.h>
+#include <spdlog/spdlog.h>
 #include <sys/eventfd.h>
 #include <sys/signalfd.h>
 #include <unistd.h>
@@ -23,6 +24,7 @@
 #include "clients/cli/virtual_suit.h"
 #include "server/optical/byte_recorder.h"
 #include "server/optical/optical_topics.h"
+#include "server/wearable/wearable_source.h"
 
 namespace secondskin::cli {
 
@@ -94,7 +96,16 @@ std::unique_ptr<server::PoseSource> SourceOptions::open(const std::string& sourc
     const auto own = library.own_wearable() / wearable.garment.filename();
     if (wearable.calibration.empty() && fs::exists(own)) wearable.calibration = own;
   }
-  if (!source.starts_with(kSim)) return server::open_source(source, settings);
+  if (!source.starts_with(kSim)) {
+    auto opened = server::open_source(source, settings);
+    const auto* worn = dynamic_cast<const server::WearableSource*>(opened.get());
+    if (worn != nullptr && worn->started()) {
+      for (const std::string& warning : worn->start().warnings) spdlog::warn("{}", warning);
+      if (const auto trouble = worn->stream().trouble(); !trouble.empty())
+        spdlog::warn("{}", trouble);
+    }
+    return opened;
+  }
   const auto worn_by = server::open_source(source.substr(kSim.size()), settings);
   return std::make_unique<VirtualSuit>(server::read_all(*worn_by),
                                        Suit::load(settings.optical.suit));

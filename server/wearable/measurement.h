@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <vector>
 
 #include "server/pose_source.h"
@@ -54,6 +55,8 @@ class MeasurementStream {
   [[nodiscard]] virtual Next next(Measurement& measurement) = 0;
   virtual bool live() const { return false; }
   virtual bool rewind() { return false; }
+  /// What was damaged or lost so far, for people; empty for nothing.
+  virtual std::string trouble() const { return {}; }
 };
 
 }  // namespace secondskin::server

@@ -47,7 +47,13 @@ WearableSource::WearableSource(std::unique_ptr<MeasurementStream> stream, Garmen
   Next next{};
   while (!started() && look_for_start(next)) {
   }
-  if (!started()) (void)starter_.finish();  // says why not
+  if (started()) return;
+  try {
+    (void)starter_.finish();  // says why not
+  } catch (const std::runtime_error& error) {
+    const std::string trouble = stream_->trouble();
+    throw std::runtime_error(error.what() + (trouble.empty() ? trouble : "; " + trouble));
+  }
 }
 
 double WearableSource::rate_hz() const {

@@ -35,9 +35,18 @@ struct WearableTopics::State {
       : uncertainty(participant), health(participant, "wearable"), skeleton(source.skeleton()) {
     message.skeleton_id(bus::skeleton_id(skeleton));
     message.rotations().resize(skeleton.size());
+    // Of a recording the start is known, and told by who opened it.
+    if (source.started()) know(source, false);
   }
 
   void report(const WearableSource& source, std::int64_t now_ns);
+  void know(const WearableSource& source, bool tell) {
+    knows = true;
+    for (const auto& warning : source.start().warnings) {
+      if (tell) spdlog::warn("{}", warning);
+    }
+    odd = fmt::format("{}", fmt::join(source.start().warnings, "; ")).substr(0, 255);
+  }
 
   bus::Writer<msg::PoseUncertainty> uncertainty;
   bus::HealthReporter health;
@@ -47,7 +56,7 @@ struct WearableTopics::State {
   std::vector<Seen> before;
   std::string odd;
   std::int64_t reported_ns = 0;
-  bool told = false;
+  bool knows = false;
 };
 
 WearableTopics::WearableTopics(bus::Participant& participant, const WearableSource& source)
@@ -57,11 +66,7 @@ WearableTopics::~WearableTopics() = default;
 void WearableTopics::publish(const WearableSource& source, Next what) {
   auto& s = *state_;
   const std::int64_t now = bus::now_ns();
-  if (source.started() && !s.told) {
-    s.told = true;
-    for (const auto& warning : source.start().warnings) spdlog::warn("{}", warning);
-    s.odd = fmt::format("{}", fmt::join(source.start().warnings, "; ")).substr(0, 255);
-  }
+  if (source.started() && !s.knows) s.know(source, true);
   if (what == Next::kPose) {
     const BodyFilter& filter = source.filter();
     ++s.poses;

@@ -182,6 +182,22 @@ TEST_F(Receiver, LostSlotsCostTheirSamplesOnly) {
   EXPECT_EQ(receiver.measurements().signals().health(0).inertial.locks, 1U);
 }
 
+TEST_F(Receiver, TellsWhatOfAStreamIsGarbled) {
+  const sim::StandScene scene(garment_, sim::WornErrors::none(), 1, 1.0);
+  const fs::path file = record(scene, options_of(), 40);
+  GarmentReceiver whole(file, garment_, nominal_);
+  (void)all_of(whole);
+  EXPECT_EQ(whole.trouble(), "");
+  {
+    std::fstream bytes(file, std::ios::in | std::ios::out | std::ios::binary);
+    bytes.seekp(static_cast<std::streamoff>(fs::file_size(file) / 2));
+    bytes.write("overwritten", 11);
+  }
+  GarmentReceiver torn(file, garment_, nominal_);
+  (void)all_of(torn);
+  EXPECT_THAT(torn.trouble(), testing::HasSubstr("of " + file.string() + ", 39 slots came whole"));
+}
+
 TEST_F(Receiver, SaturatedReadingsAreNotValid) {
   // A turntable faster than the gyroscopes can tell.
   const sim::BenchScene scene(garment_, sim::WornErrors::none(), sim::six_turns(10.0, 1.0));
@@ -270,6 +286,17 @@ TEST(TcpClient, RefusesWhatIsNoAddress) {
   EXPECT_THROW(
       GarmentReceiver("here:7000", garment_of(3), WearableCalibration::nominal(garment_of(3))),
       std::invalid_argument);
+}
+
+TEST(TcpClient, StaysOnThisMachine) {
+  const Garment garment = garment_of(3);
+  try {
+    const GarmentReceiver receiver("192.0.2.1:7000", garment,
+                                   WearableCalibration::nominal(garment));
+    FAIL() << "an address of another machine was taken";
+  } catch (const std::runtime_error& error) {
+    EXPECT_THAT(error.what(), testing::HasSubstr("'192.0.2.1:7000' is another machine"));
+  }
 }
 
 }  // namespace

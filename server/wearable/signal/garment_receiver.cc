@@ -1,5 +1,7 @@
 #include "server/wearable/signal/garment_receiver.h"
 
+#include <fmt/format.h>
+
 namespace secondskin::server {
 
 GarmentReceiver::GarmentReceiver(const std::string& place, Garment garment,
@@ -26,6 +28,15 @@ Next GarmentReceiver::next(Measurement& measurement) {
     measurements_->add(*slot, temperature_.value_or(slots_.header()->temperature));
   }
   return Next::kPose;
+}
+
+std::string GarmentReceiver::trouble() const {
+  if (std::string trouble = slots_.trouble(); !trouble.empty()) return trouble;
+  const wire::GarmentStreamCounters& c = slots_.counters();
+  if (c.garbled + c.lost == 0 && c.slots > 0) return {};
+  return fmt::format(
+      "of {}, {} slots came whole, {} are missing, {} headers and blocks are garbled",
+      slots_.place(), c.slots, c.lost, c.garbled);
 }
 
 bool GarmentReceiver::rewind() {

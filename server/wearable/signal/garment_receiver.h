@@ -22,6 +22,7 @@ class GarmentReceiver final : public MeasurementStream {
   [[nodiscard]] Next next(Measurement& measurement) override;
   bool live() const override { return slots_.live(); }
   bool rewind() override;
+  std::string trouble() const override;
 
   const Garment& garment() const noexcept { return garment_; }
   const SlotSource& slots() const noexcept { return slots_; }

@@ -36,6 +36,10 @@ std::unique_ptr<wire::TcpClient> tcp_of(const std::string& place) {
   const char* end = place.data() + place.size();
   const auto parsed = std::from_chars(place.data() + colon + 1, end, port);
   if (parsed.ec != std::errc{} || parsed.ptr != end) return nullptr;
+  if (!place.starts_with("127.")) {
+    throw std::runtime_error(fmt::format(
+        "'{}' is another machine: expected an address of this one, such as 127.0.0.1:7000", place));
+  }
   return std::make_unique<wire::TcpClient>(place.substr(0, colon), port);
 }
 
