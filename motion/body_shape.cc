@@ -122,6 +122,12 @@ Capsule segment_capsule(const Skeleton& canonical, Joint segment) noexcept {
   return capsule;
 }
 
+double ball_height(const Skeleton& canonical, Joint toes) noexcept {
+  // canonical_skeleton: the toes' joint is 0.010 of the stature above the floor, 0.029 below the
+  // ankle.
+  return std::abs(canonical[index(toes)].p_PB.z()) * 0.010 / 0.029;
+}
+
 SkinPlace skin_place(const Skeleton& canonical, Joint segment, double along,
                      double angle) noexcept {
   const Capsule capsule = segment_capsule(canonical, segment);

@@ -19,6 +19,10 @@ double average_stature(const Skeleton& canonical) noexcept;
 /// The capsule of one segment of a canonical body, in proportion to its lengths.
 Capsule segment_capsule(const Skeleton& canonical, Joint segment) noexcept;
 
+/// Height of a foot's ball, the toes' joint, over the sole: as on an average body with this ankle.
+/// @param toes  kLeftToes or kRightToes; [m]
+double ball_height(const Skeleton& canonical, Joint toes) noexcept;
+
 /// A place on the skin. Frame: B the segment's.
 struct SkinPlace {
   Eigen::Vector3d p_BS;  ///< [m]

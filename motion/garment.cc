@@ -1,6 +1,5 @@
 #include "motion/garment.h"
 
-#include <algorithm>
 #include <set>
 
 #include "motion/toml_fields.h"
@@ -32,29 +31,23 @@ Eigen::Matrix3d frame(const Eigen::Vector3d& z, const Eigen::Vector3d& x) {
   return R;
 }
 
+// A place on the skin, and the segment's axis there.
+struct Spot {
+  SkinPlace skin;
+  Eigen::Vector3d axis;
+};
+
 // Files divide trunk and shoulders in many ways, down to segments without a length, whose axis
 // points anywhere: there a garment sits as on an average body of that stature. Limbs are their own.
-const Skeleton& worn_by(const Skeleton& canonical, Joint segment,
-                        std::optional<Skeleton>& average) {
-  switch (segment) {
-    case Joint::kPelvis:
-    case Joint::kSpineLower:
-    case Joint::kSpineMiddle:
-    case Joint::kSpineUpper:
-    case Joint::kNeck:
-    case Joint::kHead:
-    case Joint::kLeftClavicle:
-    case Joint::kRightClavicle:
-      average.emplace(canonical_skeleton(std::clamp(average_stature(canonical), 0.5, 2.5)));
-      return *average;
-    default:
-      return canonical;
-  }
-}
-
-Eigen::Vector3d axis_of(const Skeleton& canonical, Joint segment) {
-  const Capsule capsule = segment_capsule(canonical, segment);
-  return (capsule.p_BE - capsule.p_BA).normalized();
+Spot spot_on(const Skeleton& wearer, Joint segment, double along, double angle) noexcept {
+  static const Skeleton average = canonical_skeleton(1.0);
+  const bool trunk = segment <= Joint::kHead || segment == Joint::kLeftClavicle ||
+                     segment == Joint::kRightClavicle;
+  const Skeleton& body = trunk ? average : wearer;
+  const Capsule capsule = segment_capsule(body, segment);
+  Spot spot{skin_place(body, segment, along, angle), (capsule.p_BE - capsule.p_BA).normalized()};
+  if (trunk) spot.skin.p_BS *= average_stature(wearer) / average_stature(average);
+  return spot;
 }
 
 }  // namespace
@@ -109,28 +102,24 @@ Garment Garment::load(const std::filesystem::path& file) {
 }
 
 Eigen::Isometry3d board_place(const Skeleton& wearer, const SensorBoard& board) noexcept {
-  std::optional<Skeleton> average;
-  const Skeleton& canonical = worn_by(wearer, board.segment, average);
-  const SkinPlace place = skin_place(canonical, board.segment, board.along, board.angle);
+  const auto [place, axis] = spot_on(wearer, board.segment, board.along, board.angle);
   Eigen::Isometry3d X_BS = Eigen::Isometry3d::Identity();
   X_BS.translation() = place.p_BS;
-  X_BS.linear() = frame(place.n_B, axis_of(canonical, board.segment)) *
+  X_BS.linear() = frame(place.n_B, axis) *
                   Eigen::AngleAxisd(board.turn, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   return X_BS;
 }
 
 Eigen::Isometry3d source_place(const Skeleton& wearer, const UltrasonicSource& source) noexcept {
-  std::optional<Skeleton> average;
   Eigen::Isometry3d X = Eigen::Isometry3d::Identity();
   if (!source.segment) {
     X.translation() = source.p_W;
     X.linear() = frame(*source.facing, Eigen::Vector3d::UnitX());
     return X;
   }
-  const Skeleton& canonical = worn_by(wearer, *source.segment, average);
-  const SkinPlace place = skin_place(canonical, *source.segment, source.along, source.angle);
+  const auto [place, axis] = spot_on(wearer, *source.segment, source.along, source.angle);
   X.translation() = place.p_BS + source.standoff * place.n_B;
-  X.linear() = frame(source.facing.value_or(place.n_B), axis_of(canonical, *source.segment));
+  X.linear() = frame(source.facing.value_or(place.n_B), axis);
   return X;
 }
 

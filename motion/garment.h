@@ -15,6 +15,9 @@
 /// the segment's axis towards its end; U an ultrasonic source, z the direction that it faces.
 namespace secondskin {
 
+/// What an accelerometer feels upwards at rest, by definition [m/s^2].
+inline constexpr double kStandardGravity = 9.80665;
+
 /// A board with microphone, three-axis gyroscope and three-axis accelerometer.
 struct SensorBoard {
   std::string name;      ///< unique, e.g. "left_thigh"

@@ -60,7 +60,7 @@ StandScene::StandScene(Garment garment, const WornErrors& errors, std::uint64_t 
     BoardTruth board;
     const Eigen::Vector3d p{away(random), aside(random), kHeight + 0.5 * aside(random)};
     board.X_WS = stand(p, -Eigen::Vector3d::UnitX());
-    board.accel = board.X_WS.linear().transpose() * (kGravity * kUp);
+    board.accel = board.X_WS.linear().transpose() * (kStandardGravity * kUp);
     still_.boards.push_back(board);
   }
   table_.push_back({kUp, 0.0, 0.7});
@@ -127,7 +127,7 @@ void BenchScene::boards_at(double time, std::span<BoardTruth> boards) const noex
     out.a = turn.acceleration * kUp.cross(p) + w_W.cross(out.v);
     const double hand_rate = moved < 1.0 ? smooth_slope(moved) * way.angle() / kMove : 0.0;
     out.gyro = q_WS.conjugate() * w_W + hand_rate * way.axis();
-    out.accel = q_WS.conjugate() * (out.a + kGravity * kUp);
+    out.accel = q_WS.conjugate() * (out.a + kStandardGravity * kUp);
   }
 }
 

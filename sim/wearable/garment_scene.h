@@ -35,8 +35,6 @@ struct WornErrors {
   static WornErrors none();
 };
 
-inline constexpr double kGravity = 9.80665;  ///< [m/s^2]
-
 /// What a board truly feels, and where it is.
 struct BoardTruth {
   Eigen::Isometry3d X_WS = Eigen::Isometry3d::Identity();  ///< soft tissue included

@@ -216,7 +216,7 @@ void WornGarment::boards_at(double time, const BodyMotion& body,
             R_WB * place.second;
     const Eigen::Matrix3d R_SW = out.X_WS.linear().transpose();
     out.gyro = R_SW * B.w + w_tissue_S;
-    out.accel = R_SW * (out.a + kGravity * Eigen::Vector3d::UnitZ());
+    out.accel = R_SW * (out.a + kStandardGravity * Eigen::Vector3d::UnitZ());
   }
 }
 

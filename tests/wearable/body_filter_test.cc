@@ -158,6 +158,9 @@ TEST(BodyFilter, RefusesWhatDoesNotFit) {
   EXPECT_THROW(filter.start(Pose(3), 0, {}), std::invalid_argument);
   EXPECT_THROW(filter.start(Pose(kJointCount), 0, std::vector<BoardBias>(2)),
                std::invalid_argument);
+  Garment crowded = garment;  // more rows of gyroscopes than an update can hold
+  while (crowded.boards.size() <= 85) crowded.boards.push_back(garment.boards[0]);
+  EXPECT_THROW(BodyFilter(skeleton, crowded, places(skeleton, crowded), {}), std::invalid_argument);
 }
 
 }  // namespace

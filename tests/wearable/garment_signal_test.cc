@@ -55,7 +55,7 @@ BoardTruth board(double x, double y = 0.0, double v = 0.0) {
   BoardTruth board;
   board.X_WS.translation() = Eigen::Vector3d(x, y, 0.0);
   board.v = {v, 0.0, 0.0};
-  board.accel = {0.0, 0.0, kGravity};
+  board.accel = {0.0, 0.0, kStandardGravity};
   return board;
 }
 
@@ -306,7 +306,7 @@ TEST(SimulatedMeasurements, AreTheSceneWithinTheirErrors) {
     if (m.kind == server::MeasurementKind::kInertial) {
       EXPECT_GT(m.stamp_ns, last_sample);
       last_sample = m.stamp_ns;
-      EXPECT_LT((m.boards[1].accel - Eigen::Vector3d(0, 0, kGravity)).norm(), 1e-9);
+      EXPECT_LT((m.boards[1].accel - Eigen::Vector3d(0, 0, kStandardGravity)).norm(), 1e-9);
       EXPECT_TRUE(m.boards[1].gyro_valid && m.boards[1].accel_valid);
       ++samples;
     } else {
@@ -331,9 +331,9 @@ TEST(SimulatedMeasurements, TheCodecsErrorIsCarriedAndItsNoiseIsTheStepsShare) {
   const double step = 2.0 * range.garment().boards[0].accel_range / 64.0;
   while (measured.next(m) == server::Next::kPose) {
     if (m.kind != server::MeasurementKind::kInertial) continue;
-    sum += m.boards[0].accel.z() - kGravity;
+    sum += m.boards[0].accel.z() - kStandardGravity;
     count += 1.0;
-    EXPECT_LE(std::abs(m.boards[0].accel.z() - kGravity), step);
+    EXPECT_LE(std::abs(m.boards[0].accel.z() - kStandardGravity), step);
   }
   EXPECT_LT(std::abs(sum), 2.0 * step + count * 0.5 * step / 64.0);  // 12-bit rounding stays
 }

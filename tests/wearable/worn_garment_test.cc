@@ -56,7 +56,7 @@ TEST(WornGarment, AccelerometersIntegrateTwiceToTheBoardsPlace) {
     worn.boards_at(time + 0.5 * kStep, middle);
     for (std::size_t i = 0; i < p.size(); ++i) {
       const Eigen::Vector3d a =
-          middle[i].X_WS.linear() * middle[i].accel - kGravity * Eigen::Vector3d::UnitZ();
+          middle[i].X_WS.linear() * middle[i].accel - kStandardGravity * Eigen::Vector3d::UnitZ();
       p[i] += kStep * v[i] + 0.5 * kStep * kStep * a;
       v[i] += kStep * a;
     }
@@ -74,7 +74,9 @@ TEST(WornGarment, FeelsGravityUpwardsAndNothingElseAtRest) {
   for (const double time : {0.0, 1.0, 2.0}) {
     worn.boards_at(time, boards);
     for (const BoardTruth& board : boards) {
-      EXPECT_LT((board.X_WS.linear() * board.accel - Eigen::Vector3d(0, 0, kGravity)).norm(), 0.05);
+      EXPECT_LT(
+          (board.X_WS.linear() * board.accel - Eigen::Vector3d(0, 0, kStandardGravity)).norm(),
+          0.05);
       EXPECT_LT(board.gyro.norm(), 0.01);
     }
   }

@@ -24,7 +24,6 @@ struct AxesFit {
   double residual = 0.0;  ///< RMS of what the parts leave [unit]; 0 where nothing is left over
 };
 
-inline constexpr double kStandardGravity = 9.80665;  ///< [m/s^2]
 /// Fewer poses than this leave the accelerometer's six numbers too uncertain.
 inline constexpr std::size_t kLeastPoses = 9;
 

@@ -10,7 +10,6 @@ namespace secondskin::server {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kGravity = 9.80665;
 
 template <class Value>
 Value one_of(const TomlFields& fields, std::string_view field,
@@ -122,13 +121,14 @@ CsvMapping CsvMapping::load(const std::filesystem::path& file) {
     fields.fail("rate_hz", "the rows' rate, as no column tells the time");
   }
   mapping.gyro_unit = one_of<double>(fields, "gyro_unit", {{"rad/s", 1.0}, {"deg/s", kDegree}});
-  mapping.accel_unit = one_of<double>(fields, "accel_unit",
-                                      {{"m/s2", 1.0}, {"g", kGravity}, {"mg", 1e-3 * kGravity}});
+  mapping.accel_unit =
+      one_of<double>(fields, "accel_unit",
+                     {{"m/s2", 1.0}, {"g", kStandardGravity}, {"mg", 1e-3 * kStandardGravity}});
   if (fields.has("magnetic_unit")) {
     mapping.magnetic_unit = one_of<double>(fields, "magnetic_unit",
                                            {{"T", 1.0}, {"uT", 1e-6}, {"G", 1e-4}, {"mG", 1e-7}});
   }
-  double gyro_range = 2000.0 * kDegree, accel_range = 16.0 * kGravity;
+  double gyro_range = 2000.0 * kDegree, accel_range = 16.0 * kStandardGravity;
   if (fields.has("gyro_range_deg")) {
     gyro_range = fields.number("gyro_range_deg", 50.0, 1e5) * kDegree;
   }

@@ -78,6 +78,14 @@ struct BodyFilter::State {
   void use_boards(int BoardInVain::*in_vain_of, ReadingCounts BoardCounts::*counts_of, int patience,
                   InnovationFit& fit) noexcept;
   bool use_alone() noexcept;
+  /// Carries the state to the stamp and uses what `observe(time)` puts into `set`.
+  template <class Observe>
+  bool alone(std::int64_t stamp_ns, bool sound, Observe observe) noexcept {
+    if (!sound || !reach(stamp_ns)) return false;
+    set.clear();
+    observe(seconds_to(stamp_ns));
+    return use_alone();
+  }
   void inertial(const Measurement& measurement) noexcept;
   void distances(const Measurement& measurement) noexcept;
   void publish() noexcept;
@@ -375,46 +383,41 @@ void BodyFilter::process(const Measurement& measurement) noexcept {
 bool BodyFilter::observe_root(std::int64_t stamp_ns, const Eigen::Isometry3d& X_WR, double sigma_p,
                               double sigma_q) noexcept {
   State& s = *state_;
-  if (!X_WR.matrix().allFinite() || !s.reach(stamp_ns)) return false;
-  const double time = s.seconds_to(stamp_ns);
-  s.set.clear();
-  observe_point(s.body, s.x, PointQuantity::kPosition, 0, Vector3d::Zero(), time,
-                X_WR.translation(), square(sigma_p), std::nullopt, s.set);
-  observe_root_rotation(s.body, s.x, time, Eigen::Quaterniond(X_WR.linear()), square(sigma_q),
-                        s.set);
-  return s.use_alone();
+  return s.alone(stamp_ns, X_WR.matrix().allFinite(), [&](double time) {
+    observe_point(s.body, s.x, PointQuantity::kPosition, 0, Vector3d::Zero(), time,
+                  X_WR.translation(), square(sigma_p), std::nullopt, s.set);
+    observe_root_rotation(s.body, s.x, time, Eigen::Quaterniond(X_WR.linear()), square(sigma_q),
+                          s.set);
+  });
 }
 
 bool BodyFilter::observe_point_velocity(std::int64_t stamp_ns, std::size_t segment,
                                         const Vector3d& p_BQ, const Vector3d& v_W,
                                         double sigma) noexcept {
   State& s = *state_;
-  if (!p_BQ.allFinite() || !v_W.allFinite() || !s.reach(stamp_ns)) return false;
-  s.set.clear();
-  observe_point(s.body, s.x, PointQuantity::kVelocity, segment, p_BQ, s.seconds_to(stamp_ns), v_W,
-                square(sigma), std::nullopt, s.set);
-  return s.use_alone();
+  return s.alone(stamp_ns, (p_BQ + v_W).allFinite(), [&](double time) {
+    observe_point(s.body, s.x, PointQuantity::kVelocity, segment, p_BQ, time, v_W, square(sigma),
+                  std::nullopt, s.set);
+  });
 }
 
 bool BodyFilter::observe_point_position(std::int64_t stamp_ns, std::size_t segment,
                                         const Vector3d& p_BQ, const Vector3d& p_WQ,
                                         double sigma) noexcept {
   State& s = *state_;
-  if (!p_BQ.allFinite() || !p_WQ.allFinite() || !s.reach(stamp_ns)) return false;
-  s.set.clear();
-  observe_point(s.body, s.x, PointQuantity::kPosition, segment, p_BQ, s.seconds_to(stamp_ns), p_WQ,
-                square(sigma), std::nullopt, s.set);
-  return s.use_alone();
+  return s.alone(stamp_ns, (p_BQ + p_WQ).allFinite(), [&](double time) {
+    observe_point(s.body, s.x, PointQuantity::kPosition, segment, p_BQ, time, p_WQ, square(sigma),
+                  std::nullopt, s.set);
+  });
 }
 
 bool BodyFilter::observe_point_height(std::int64_t stamp_ns, std::size_t segment,
                                       const Vector3d& p_BQ, double z, double sigma) noexcept {
   State& s = *state_;
-  if (!p_BQ.allFinite() || !std::isfinite(z) || !s.reach(stamp_ns)) return false;
-  s.set.clear();
-  observe_point(s.body, s.x, PointQuantity::kPosition, segment, p_BQ, s.seconds_to(stamp_ns),
-                {0.0, 0.0, z}, square(sigma), 2, s.set);
-  return s.use_alone();
+  return s.alone(stamp_ns, p_BQ.allFinite() && std::isfinite(z), [&](double time) {
+    observe_point(s.body, s.x, PointQuantity::kPosition, segment, p_BQ, time, {0.0, 0.0, z},
+                  square(sigma), 2, s.set);
+  });
 }
 
 bool BodyFilter::observe_direction(std::int64_t stamp_ns, std::size_t board,
@@ -422,23 +425,18 @@ bool BodyFilter::observe_direction(std::int64_t stamp_ns, std::size_t board,
                                    double sigma) noexcept {
   State& s = *state_;
   const double seen = field_S.norm(), known = field_W.norm();
-  if (!(seen > 0.0) || !(known > 0.0) || !std::isfinite(seen + known) || !s.reach(stamp_ns)) {
-    return false;
-  }
-  s.set.clear();
-  observe_field(s.body, s.x, board, s.seconds_to(stamp_ns), field_S / seen, field_W / known,
-                square(sigma), s.set);
-  return s.use_alone();
+  const bool sound = seen > 0.0 && known > 0.0 && std::isfinite(seen + known);
+  return s.alone(stamp_ns, sound, [&](double time) {
+    observe_field(s.body, s.x, board, time, field_S / seen, field_W / known, square(sigma), s.set);
+  });
 }
 
 bool BodyFilter::observe_distance(std::int64_t stamp_ns, std::size_t board, const Vector3d& p_W,
                                   double distance, double sigma) noexcept {
   State& s = *state_;
-  if (!p_W.allFinite() || !std::isfinite(distance) || !s.reach(stamp_ns)) return false;
-  s.set.clear();
-  observe_distance_from(s.body, s.x, p_W, board, s.seconds_to(stamp_ns), distance, square(sigma),
-                        s.set);
-  return s.use_alone();
+  return s.alone(stamp_ns, p_W.allFinite() && std::isfinite(distance), [&](double time) {
+    observe_distance_from(s.body, s.x, p_W, board, time, distance, square(sigma), s.set);
+  });
 }
 
 const Pose& BodyFilter::pose() const noexcept { return state_->pose; }

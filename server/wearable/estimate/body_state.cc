@@ -10,12 +10,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Matrix3d cross_matrix(const Vector3d& v) noexcept {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
-
 Vector3d at(std::span<const double> error, int column) noexcept {
   return Eigen::Map<const Vector3d>(error.data() + column);
 }
@@ -33,14 +27,16 @@ GroupState after(const GroupState& group, double time) noexcept {
 
 GroupTransition transition(const GroupState& group, double time) noexcept {
   const Vector3d turned = time * group.w + 0.5 * time * time * group.dw;
-  const Matrix3d turn = quaternion_from(-turned).toRotationMatrix();
-  // The right Jacobian of SO(3) by its series; turned is a few degrees.
-  const Matrix3d x = cross_matrix(turned);
-  const Matrix3d xx = x * x;
-  const double angle2 = turned.squaredNorm();
-  const Matrix3d jacobian =
-      Matrix3d::Identity() - (0.5 - angle2 / 24.0) * x + (1.0 / 6.0 - angle2 / 120.0) * xx;
-  return {turn, jacobian};
+  return {quaternion_from(-turned).toRotationMatrix(), right_jacobian(turned)};
+}
+
+Eigen::Matrix3d white_jerk(double time) noexcept {
+  const double t2 = time * time, t3 = t2 * time;
+  Eigen::Matrix3d Q;
+  Q << t3 * t2 / 20.0, t2 * t2 / 8.0, t3 / 6.0,  //
+      t2 * t2 / 8.0, t3 / 3.0, t2 / 2.0,         //
+      t3 / 6.0, t2 / 2.0, time;
+  return Q;
 }
 
 void propagate(BodyState& state, double time) noexcept {

@@ -45,6 +45,10 @@ struct GroupTransition {
 GroupState after(const GroupState& group, double time) noexcept;
 GroupTransition transition(const GroupState& group, double time) noexcept;
 
+/// Covariance of (value, rate, acceleration) after a time under white jerk of spectral density 1:
+/// the Q of docs/wearable-filter.md.
+Eigen::Matrix3d white_jerk(double time) noexcept;
+
 /// Carries the whole state forward.
 void propagate(BodyState& state, double time) noexcept;
 

@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstring>
 #include <new>
+#include <stdexcept>
 
 namespace secondskin::server {
 namespace {
 
 constexpr std::align_val_t kAlignment{64};
+constexpr int kMostRows = 256;
 
 // Transposes the square of the first `panels` panels in place.
 void transpose_square(int panels, int columns, double* P) noexcept {
@@ -64,7 +66,11 @@ Covariance::Covariance(const BodyLayout& layout, int most_rows)
       Bt_(static_cast<std::size_t>(panels_ * kPanel * most_rows)),
       S_(static_cast<std::size_t>(most_rows * most_rows)),
       y_(static_cast<std::size_t>(most_rows)),
-      F_(static_cast<std::size_t>(layout.groups + 1)) {}
+      F_(static_cast<std::size_t>(layout.groups + 1)) {
+  if (most_rows > kMostRows) {
+    throw std::invalid_argument("wearable filter: more boards than one set of readings can have");
+  }
+}
 
 void Covariance::clear() noexcept {
   std::fill_n(P_.get(), panels_ * kPanel * panels_ * kPanel, 0.0);
@@ -120,21 +126,15 @@ void Covariance::predict(const BodyState& state, double time, const ProcessNoise
   mirror_lower(moving, panels_, P_.get());
 
   // White jerk of spectral density q over the time: integrals of exp(F s) G q G^T exp(F s)^T.
-  const double t2 = time * time;
-  const double q00 = t2 * t2 * time / 20.0, q01 = t2 * t2 / 8.0, q02 = t2 * time / 6.0;
-  const double q11 = t2 * time / 3.0, q12 = t2 / 2.0, q22 = time;
+  const Eigen::Matrix3d Q = white_jerk(time);
   const int level = layout.level_size();
   const auto drive = [&](int row, int column, double q) {
-    for (int i = 0; i < 3; ++i, ++row, ++column) {
-      element(row, column) += q * q00;
-      element(row + level, column + level) += q * q11;
-      element(row + 2 * level, column + 2 * level) += q * q22;
-      element(row, column + level) += q * q01;
-      element(row + level, column) += q * q01;
-      element(row, column + 2 * level) += q * q02;
-      element(row + 2 * level, column) += q * q02;
-      element(row + level, column + 2 * level) += q * q12;
-      element(row + 2 * level, column + level) += q * q12;
+    for (int a = 0; a < 3; ++a) {
+      for (int b = 0; b < 3; ++b) {
+        for (int i = 0; i < 3; ++i) {
+          element(row + a * level + i, column + b * level + i) += q * Q(a, b);
+        }
+      }
     }
   };
   drive(layout.rotation(0, 0), layout.rotation(0, 0), noise.root_turn_jerk);
@@ -224,7 +224,7 @@ bool Covariance::factorise(int k) noexcept {
   std::fill_n(Lp_.get(), blocks * kPanel * k, 0.0);
   for (int i = 0; i < k; ++i) {
     const double scale = 1.0 / S(i, i);
-    std::array<double, 256> row;
+    std::array<double, kMostRows> row;
     Eigen::Map<Eigen::RowVectorXd> out(row.data(), i);
     out.setZero();
     for (int m = 0; m < i; ++m) out.head(m + 1) -= S(i, m) * S.row(m).head(m + 1);
@@ -241,7 +241,7 @@ UpdateResult Covariance::update(const ObservationSet& set, const std::array<doub
                                 std::span<const char> relax, std::span<char> passed,
                                 std::span<double> error) noexcept {
   const int k = set.size();
-  assert(k <= most_rows_ && k <= 256 && static_cast<int>(error.size()) >= padded_size());
+  assert(k <= most_rows_ && static_cast<int>(error.size()) >= padded_size());
   std::fill(error.begin(), error.end(), 0.0);
   if (k == 0) return {};
 

@@ -28,6 +28,7 @@ struct UpdateResult {
 
 class Covariance {
  public:
+  /// @throws std::invalid_argument for more than 256 rows: those of 85 boards
   Covariance(const BodyLayout& layout, int most_rows);
 
   /// All zero.

@@ -13,12 +13,6 @@ namespace {
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
-Matrix3d cross_matrix(const Vector3d& v) noexcept {
-  Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
-
 // The derivatives of up to three observed numbers, gathered by the columns of the state.
 class Gatherer {
  public:
@@ -125,6 +119,31 @@ Matrix3d as_row(const Vector3d& row) noexcept {
   Matrix3d m = Matrix3d::Zero();
   m.row(0) = row.transpose();
   return m;
+}
+
+// A microphone's distance from where sound was sent; that of a worn source with its own path.
+// @returns false when they are at one place
+bool put_distance(const BodyModel& body, const BodyState& state, std::size_t board,
+                  const PathMotion& to_board, const PointMotion& microphone,
+                  const PointMotion& emitter, const PathMotion* to_source, double z,
+                  double variance, ObservationSet& set) noexcept {
+  const Vector3d between = microphone.p - emitter.p;
+  const double distance = between.norm();
+  if (distance < 1e-3) return false;
+  const Matrix3d M = as_row(between / (distance * state.sound));
+  Gatherer gather(body, state, 1);
+  const auto add = [&](const PathMotion& path, const PointMotion& at, const Matrix3d& by) {
+    for (std::size_t i = 0; i < path.size; ++i) {
+      gather.add(path.joints[i], by, position_block(path.joints[i], at), path.time);
+    }
+    gather.add_root(by, 0, path.time);
+  };
+  add(to_board, microphone, M);
+  if (to_source != nullptr) add(*to_source, emitter, -M);
+  const int begin = static_cast<int>(set.entries.size());
+  set.entries.push_back({body.layout.sound(), {-distance / (state.sound * state.sound), 0.0, 0.0}});
+  gather.emit({z - distance / state.sound, 0.0, 0.0}, variance, board, set, begin);
+  return true;
 }
 
 }  // namespace
@@ -251,26 +270,9 @@ bool observe_distance(const BodyModel& body, const BodyState& state, std::size_t
     emitter = point(to_source, X.translation());
     normal = to_source.end().R * normal;
   }
-  const Vector3d between = microphone.p - emitter.p;
-  const double distance = between.norm();
-  if (distance < 1e-3 || normal.dot(between) <= 0.0) return false;
-  const Vector3d direction = between / distance;
-  const Matrix3d M = as_row(direction / state.sound);
-  Gatherer gather(body, state, 1);
-  for (std::size_t i = 0; i < to_board.size; ++i) {
-    gather.add(to_board.joints[i], M, position_block(to_board.joints[i], microphone), arrival);
-  }
-  gather.add_root(M, 0, arrival);
-  if (worn) {
-    for (std::size_t i = 0; i < to_source.size; ++i) {
-      gather.add(to_source.joints[i], -M, position_block(to_source.joints[i], emitter), time);
-    }
-    gather.add_root(-M, 0, time);
-  }
-  const int begin = static_cast<int>(set.entries.size());
-  set.entries.push_back({body.layout.sound(), {-distance / (state.sound * state.sound), 0.0, 0.0}});
-  gather.emit({z - distance / state.sound, 0.0, 0.0}, variance, board, set, begin);
-  return true;
+  if (normal.dot(microphone.p - emitter.p) <= 0.0) return false;
+  return put_distance(body, state, board, to_board, microphone, emitter,
+                      worn ? &to_source : nullptr, z, variance, set);
 }
 
 void observe_distance_from(const BodyModel& body, const BodyState& state, const Vector3d& p_W,
@@ -279,19 +281,8 @@ void observe_distance_from(const BodyModel& body, const BodyState& state, const 
   if (!set.has_room(1)) return;
   PathMotion path;
   evaluate(body.skeleton, body.layout, state, body.fixed, body.segment_of[board], time, path);
-  const PointMotion microphone = point(path, body.p_BS[board]);
-  const Vector3d between = microphone.p - p_W;
-  const double distance = between.norm();
-  if (distance < 1e-3) return;
-  const Matrix3d M = as_row(between / (distance * state.sound));
-  Gatherer gather(body, state, 1);
-  for (std::size_t i = 0; i < path.size; ++i) {
-    gather.add(path.joints[i], M, position_block(path.joints[i], microphone), time);
-  }
-  gather.add_root(M, 0, time);
-  const int begin = static_cast<int>(set.entries.size());
-  set.entries.push_back({body.layout.sound(), {-distance / (state.sound * state.sound), 0.0, 0.0}});
-  gather.emit({z - distance / state.sound, 0.0, 0.0}, variance, board, set, begin);
+  (void)put_distance(body, state, board, path, point(path, body.p_BS[board]),
+                     {p_W, Vector3d::Zero(), Vector3d::Zero()}, nullptr, z, variance, set);
 }
 
 void observe_point(const BodyModel& body, const BodyState& state, PointQuantity quantity,

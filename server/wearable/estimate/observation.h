@@ -44,7 +44,7 @@ struct BodyModel {
 };
 
 /// Standard gravity, up being positive [m/s^2].
-inline const Eigen::Vector3d kGravity(0.0, 0.0, 9.80665);
+inline const Eigen::Vector3d kGravity(0.0, 0.0, kStandardGravity);
 
 // Each adds rows to `set` for the measured value z and its variance. `time` is that of the
 // observation after the state's [s]; it may be negative.

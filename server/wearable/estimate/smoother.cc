@@ -17,11 +17,7 @@ constexpr double kLongestStep = 0.1;  // over a longer gap nothing goes back [s]
 
 // White jerk of spectral density q^2 over a time, on three axes.
 Matrix9d driven(double q, double t) {
-  Eigen::Matrix3d one;
-  const double t2 = t * t, t3 = t2 * t;
-  one << t3 * t2 / 20.0, t2 * t2 / 8.0, t3 / 6.0,  //
-      t2 * t2 / 8.0, t3 / 3.0, t2 / 2.0,           //
-      t3 / 6.0, t2 / 2.0, t;
+  const Matrix3d one = white_jerk(t);
   Matrix9d Q = Matrix9d::Zero();
   for (Eigen::Index i = 0; i < 3; ++i) {
     for (Eigen::Index j = 0; j < 3; ++j) {

@@ -6,11 +6,6 @@
 namespace secondskin::server {
 namespace {
 
-constexpr double kGravity = 9.80665;
-// Of the stature, the height of the toes' joint above the floor, and the ankle's above the toes'
-// (canonical_skeleton): 0.010 and 0.029.
-constexpr double kToesOverFloor = 0.010 / 0.029;
-
 // The balls of the feet: what leaves the ground last.
 std::vector<StandingPoint> feet_of(const Skeleton& canonical, const Garment& garment) {
   std::vector<StandingPoint> points;
@@ -19,7 +14,7 @@ std::vector<StandingPoint> feet_of(const Skeleton& canonical, const Garment& gar
     for (std::size_t b = 0; b < garment.boards.size(); ++b) {
       if (garment.boards[b].segment != ankle) continue;
       const Eigen::Vector3d p_BQ = canonical[index(toes)].p_PB;
-      points.push_back({b, index(ankle), p_BQ, std::abs(p_BQ.z()) * kToesOverFloor});
+      points.push_back({b, index(ankle), p_BQ, ball_height(canonical, toes)});
       break;
     }
   }
@@ -66,7 +61,8 @@ void FootContacts::update(const Measurement& measurement, BodyFilter& filter) no
     const double most_rate = 3.0 * settings_.rate_off, most_force = 3.0 * settings_.force_off;
     Eigen::Vector3d rate_now = reading.gyro - filter.bias(foot.point.board).gyro;
     rate_now *= std::min(1.0, most_rate / std::max(1e-9, rate_now.norm()));
-    const double force_now = std::clamp(reading.accel.norm() - kGravity, -most_force, most_force);
+    const double force_now =
+        std::clamp(reading.accel.norm() - kStandardGravity, -most_force, most_force);
     foot.rate += gain * (rate_now - foot.rate);
     foot.force += gain * (force_now - foot.force);
     const double rate = foot.rate.norm(), force = std::abs(foot.force);

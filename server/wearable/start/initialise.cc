@@ -14,7 +14,6 @@ namespace secondskin::server {
 namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
-constexpr double kGravity = 9.80665;
 constexpr double kOddTilt = 25.0 * kDegree;   // gravity this far off: not worn so
 constexpr double kOddGravity = 0.6;           // [m/s^2]
 constexpr double kOddOffset = 3.0 * kDegree;  // of a gyroscope [rad/s]
@@ -43,10 +42,10 @@ void look_at_boards(const Garment& garment, const Rest& rest, std::vector<std::s
       warnings.push_back(fmt::format("{}: silent", name));
       continue;
     }
-    if (board.accel_readings > 0 && std::abs(board.accel.norm() - kGravity) > kOddGravity) {
+    if (board.accel_readings > 0 && std::abs(board.accel.norm() - kStandardGravity) > kOddGravity) {
       warnings.push_back(fmt::format(
           "{}: feels {:.2f} m/s^2 at rest instead of {:.2f}: calibrate its accelerometer", name,
-          board.accel.norm(), kGravity));
+          board.accel.norm(), kStandardGravity));
     }
     if (board.gyro.norm() > kOddOffset) {
       warnings.push_back(fmt::format("{}: gyroscope's offset is {:.1f} degrees/s", name,
@@ -66,10 +65,7 @@ void stand_on_floor(const Skeleton& canonical, Pose& pose) {
   forward_kinematics(canonical, pose.p_WR, pose.q_PB, X_WB);
   double lowest = std::numeric_limits<double>::infinity();
   for (const Joint foot : {Joint::kLeftToes, Joint::kRightToes}) {
-    // The toes' joint is above the floor by this, as it is below the ankle by 0.029 of the stature
-    // (canonical_skeleton).
-    const double above = std::abs(canonical[index(foot)].p_PB.z()) * 0.010 / 0.029;
-    lowest = std::min(lowest, X_WB[index(foot)].translation().z() - above);
+    lowest = std::min(lowest, X_WB[index(foot)].translation().z() - ball_height(canonical, foot));
   }
   pose.p_WR.z() -= lowest;
 }
@@ -177,8 +173,8 @@ StartResult initialise(const Garment& garment, const StartSettings& settings, co
       bias.gyro_sigma = std::hypot(kOffsetFloor, board.gyro_deviation / std::sqrt(blocks));
     }
     // Of an accelerometer only the part along gravity shows at rest.
-    if (board.accel_readings > 0 && std::abs(board.accel.norm() - kGravity) < kOddGravity) {
-      bias.accel = board.accel - kGravity * board.accel.normalized();
+    if (board.accel_readings > 0 && std::abs(board.accel.norm() - kStandardGravity) < kOddGravity) {
+      bias.accel = board.accel - kStandardGravity * board.accel.normalized();
     }
     result.biases.push_back(bias);
     result.fields_S.push_back(board.magnetic_readings > 0 ? std::optional(board.magnetic)

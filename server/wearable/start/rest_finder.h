@@ -35,15 +35,13 @@ class Hearing {
  public:
   Hearing() = default;
   explicit Hearing(const Garment& garment);
-  /// A distance counts from this confidence on.
+  /// Whether a distance is sure enough, and no longer than a body: else it is an echo.
+  bool counts(std::size_t source, const DistanceReading& reading, double confidence) const noexcept;
   void add(const Measurement& measurement, double confidence);
   Eigen::MatrixXd shares() const;  ///< source by board, 0 to 1
   double pulses() const noexcept { return pulses_.sum(); }
 
  private:
-  friend class RestFinder;
-  bool counts(std::size_t source, const DistanceReading& reading, double confidence) const noexcept;
-
   std::vector<double> furthest_;  ///< by source: what is heard from further off is an echo [m]
   Eigen::MatrixXd heard_;
   Eigen::VectorXd pulses_;

@@ -33,6 +33,16 @@ struct Observed {
   double distance;
 };
 
+std::vector<Vector3d> sources_in_world(const Skeleton& canonical, const Garment& garment,
+                                       std::span<const Eigen::Isometry3d> X_WB) {
+  std::vector<Vector3d> p_WU;
+  for (const UltrasonicSource& source : garment.sources) {
+    const Vector3d p = source_place(canonical, source).translation();
+    p_WU.push_back(source.segment ? X_WB[index(*source.segment)] * p : p);
+  }
+  return p_WU;
+}
+
 class Problem {
  public:
   Problem(const Skeleton& canonical, const Garment& garment, const Pose& pose,
@@ -106,13 +116,7 @@ class Problem {
       row += 3;
     }
     std::vector<Vector3d> p_WU;
-    if (!distances_.empty()) {
-      for (const auto& source : garment_.sources) {
-        const Eigen::Isometry3d X = source_place(body, source);
-        p_WU.push_back(source.segment ? X_WB_[index(*source.segment)] * X.translation()
-                                      : Vector3d(X.translation()));
-      }
-    }
+    if (!distances_.empty()) p_WU = sources_in_world(body, garment_, X_WB_);
     for (const auto& one : distances_) {
       const Vector3d p_WS = X_WB_[segment(one.board)] * X_BS[one.board].translation();
       r[row++] = (p_WS - p_WU[one.source]).norm() - one.distance;
@@ -288,12 +292,7 @@ std::vector<Swap> swapped_at_rest(const Skeleton& canonical, const Garment& garm
                                   const Rest& rest) {
   std::vector<Eigen::Isometry3d> X_WB(kJointCount);
   forward_kinematics(canonical, pose.p_WR, pose.q_PB, X_WB);
-  std::vector<Vector3d> p_WU;
-  for (const auto& source : garment.sources) {
-    const Eigen::Isometry3d X = source_place(canonical, source);
-    p_WU.push_back(source.segment ? X_WB[index(*source.segment)] * X.translation()
-                                  : Vector3d(X.translation()));
-  }
+  const std::vector<Vector3d> p_WU = sources_in_world(canonical, garment, X_WB);
   std::vector<Swap> swaps;
   for (const auto& [left, right] : mirrored_boards(garment)) {
     const std::array<std::size_t, 2> pair{left, right};
