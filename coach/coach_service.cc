@@ -18,6 +18,17 @@ namespace secondskin::coach {
 
 namespace msg = bus::msg;
 
+namespace {
+
+// In a command: a session without a plan.
+constexpr const char* kNoPlan = "none";
+
+std::string not_known(const char* kind, const std::string& name) {
+  return fmt::format("{} '{}' is not known here", kind, name);
+}
+
+}  // namespace
+
 struct CoachService::State {
   State(bus::Participant& participant, CoachServiceOptions options_)
       : options(std::move(options_)),
@@ -46,6 +57,7 @@ struct CoachService::State {
   void publish_references() {
     msg::ReferenceMotionList list;
     for (const auto& reference : options.references) {
+      if (list.references().size() == msg::MAX_REFERENCES) break;  // can still be named
       msg::ReferenceMotion entry;
       entry.name(reference->name.substr(0, 64));
       entry.description(reference->description.substr(0, 512));
@@ -163,19 +175,39 @@ struct CoachService::State {
     state_changed = true;
   }
 
+  // What the next session is of; empty keeps. Changes nothing when it throws.
+  void choose(const std::string& reference, const std::string& plan) {
+    std::optional<SessionPlan> next_plan;
+    if (plan == kNoPlan) {
+      next_plan = SessionPlan::open();
+    } else if (!plan.empty() && plan != options.plan.name) {
+      if (!options.find_plan) throw std::runtime_error(not_known("plan", plan));
+      next_plan = options.find_plan(plan);
+    }
+    if (!reference.empty()) {
+      auto& known = options.references;
+      auto found = std::find_if(known.begin(), known.end(),
+                                [&](const auto& r) { return r->name == reference; });
+      if (found == known.end()) {
+        if (!options.find_reference) throw std::runtime_error(not_known("reference", reference));
+        found = known.insert(known.end(), options.find_reference(reference));
+        publish_references();
+      }
+      reference_index = static_cast<std::size_t>(found - known.begin());
+    }
+    if (next_plan) options.plan = std::move(*next_plan);
+  }
+
   void obey(const msg::SessionCommand& order) {
     switch (order.action()) {
       case msg::SESSION_START: {
-        const std::string name = order.reference().to_string();
-        if (!name.empty()) {
-          const auto found = std::find_if(options.references.begin(), options.references.end(),
-                                          [&](const auto& r) { return r->name == name; });
-          if (found == options.references.end()) {
-            complaint = fmt::format("session start: reference '{}' is not known here", name);
-            return;
-          }
-          reference_index = static_cast<std::size_t>(found - options.references.begin());
+        try {
+          choose(order.reference().to_string(), order.plan().to_string());
+        } catch (const std::exception& error) {
+          complaint = fmt::format("session start: {}", error.what());
+          return;
         }
+        if (order.learner().size() > 0) options.learner = order.learner().to_string();
         if (order.tolerance_scale() > 0.0) {
           options.settings.tolerance_scale = std::clamp(order.tolerance_scale(), 0.1, 10.0);
         }
@@ -251,6 +283,7 @@ struct CoachService::State {
     if (progress) to_message(*progress, message);
     message.block_start_ns(block_start_ns);
     message.repetitions(repetition_count);
+    message.learner(options.learner.substr(0, 64));
     message.header().publish_ns(bus::now_ns());
     states.write(message);
   }

@@ -23,6 +23,13 @@ struct CoachServiceOptions {
   SolveLimit solve_limit;
   SessionPlan plan = SessionPlan::open();  ///< each session follows it from its beginning
   bool start = true;                       ///< begin a session at once; else wait for a command
+  std::string learner;                     ///< whose the sessions are, a pseudonym; may be empty
+
+  /// Loads what a command names: a plan, and a reference that is not among `references` yet, e.g.
+  /// one recorded since. Both throw std::runtime_error, which the service's health then tells.
+  /// Empty: only what is here can be chosen.
+  std::function<SessionPlan(const std::string& name)> find_plan;
+  std::function<std::shared_ptr<const Reference>(const std::string& name)> find_reference;
 };
 
 /// What a frame gave, for whoever looks on in the same process.

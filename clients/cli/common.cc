@@ -354,6 +354,33 @@ coach::SessionPlan Library::load_plan(const std::string& name_or_path) const {
       [this](const fs::path& session) { return recorder::recorded_cues(session, for_replay()); });
 }
 
+std::vector<std::shared_ptr<const coach::Reference>> Library::load_references() const {
+  std::vector<std::shared_ptr<const coach::Reference>> all;
+  for (const auto& folder : references()) {
+    try {
+      all.push_back(load_reference(folder.string()));
+    } catch (const std::exception& error) {
+      spdlog::warn("reference left out: {}", error.what());
+    }
+  }
+  return all;
+}
+
+void Library::answer_commands(coach::CoachServiceOptions& options) const {
+  const auto named = [](const std::string& name) {
+    const auto plain = [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; };
+    if (!std::all_of(name.begin(), name.end(), plain)) {
+      throw std::runtime_error(
+          fmt::format("'{}' is no name: expected letters, digits, '_' and '-'", name));
+    }
+    return name;
+  };
+  options.find_plan = [*this, named](const std::string& name) { return load_plan(named(name)); };
+  options.find_reference = [*this, named](const std::string& name) {
+    return load_reference(named(name));
+  };
+}
+
 recorder::ReplayLibrary Library::for_replay() const {
   return {.reference = [this](const std::string& name) { return load_reference(name); },
           .body_map = [this](const std::string& name) { return load_body_map(name); }};

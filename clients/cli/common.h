@@ -63,11 +63,16 @@ class Library {
   /// names or paths with "+" between them.
   std::vector<std::filesystem::path> find_references(const std::string& names_or_paths) const;
   std::shared_ptr<const coach::Reference> load_reference(const std::string& names_or_paths) const;
+  /// All of them, for a coach to choose from. One whose files are broken is left out with a
+  /// warning.
+  std::vector<std::shared_ptr<const coach::Reference>> load_references() const;
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
   coach::BodyMap load_body_map(const std::string& name_or_path) const;
   /// A session plan under plans/ by name, or a path to a .toml file; empty: practice without one.
   /// @throws std::runtime_error listing the names, or what is wrong in the file.
   coach::SessionPlan load_plan(const std::string& name_or_path) const;
+  /// Lets a coach load what a session command names. From a command come names only, never paths.
+  void answer_commands(coach::CoachServiceOptions& options) const;
   /// What a recording names, for its replay.
   recorder::ReplayLibrary for_replay() const;
 

@@ -103,9 +103,7 @@ void coach(CLI::App& app) {
     const Library library;
     coach::CoachServiceOptions service_options;
     if (options->reference == "all") {
-      for (const auto& folder : library.references()) {
-        service_options.references.push_back(library.load_reference(folder.string()));
-      }
+      service_options.references = library.load_references();
     } else {
       service_options.references.push_back(library.load_reference(options->reference));
     }
@@ -113,6 +111,7 @@ void coach(CLI::App& app) {
     service_options.plan = library.load_plan(options->plan);
     service_options.settings = options->settings;
     service_options.tactile = options->tactile.prepare(service_options.body_map);
+    library.answer_commands(service_options);
     const coach::BodyMap body_map = service_options.body_map;
     service_options.start = !options->wait;
     bus::Participant participant(options->bus.configuration("secondskin_coach"));
@@ -278,6 +277,7 @@ void session(CLI::App& app) {
     std::string reference;
     double tolerance_scale = 0.0;
     std::uint32_t max_cues = 0;
+    std::string plan, learner;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("session", "start, pause, resume or stop a coach's session");
@@ -295,6 +295,10 @@ void session(CLI::App& app) {
       ->add_option("--max-cues", options->max_cues,
                    "with start: joints cued at once (default: as before)")
       ->check(CLI::Range(1, 16));
+  command->add_option("--plan", options->plan,
+                      "with start: a session plan by name, or 'none' (default: as before)");
+  command->add_option("--learner", options->learner,
+                      "with start: whom the history books the session to (default: as before)");
   add_bus_options(*command, options->bus);
   command->callback([options] {
     using namespace std::chrono_literals;
@@ -315,6 +319,8 @@ void session(CLI::App& app) {
     order.reference(options->reference.substr(0, 64));
     order.tolerance_scale(options->tolerance_scale);
     order.max_cues(options->max_cues);
+    order.plan(options->plan.substr(0, 64));
+    order.learner(options->learner.substr(0, 64));
     order.publish_ns(bus::now_ns());
     if (!writer.wait_for_readers(1, 3s, signals.token())) {
       throw std::runtime_error(fmt::format("no coach on subject '{}', domain {}",

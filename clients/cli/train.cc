@@ -259,7 +259,12 @@ void train(TrainOptions& options) {
   }
   auto source = options.from.open(options.learner, library);
   coach::CoachServiceOptions coach_options;
-  coach_options.references = {reference};
+  // What it begins with comes first; the others can be chosen by session commands.
+  coach_options.references = library.load_references();
+  std::erase_if(coach_options.references,
+                [&](const auto& r) { return r->name == reference->name; });
+  coach_options.references.insert(coach_options.references.begin(), reference);
+  library.answer_commands(coach_options);
   coach_options.body_map = library.load_body_map(options.body_map);
   coach_options.settings = options.settings;
   coach_options.plan = library.load_plan(options.plan);

@@ -79,6 +79,23 @@ class CoachServiceTest : public testing::Test {
     CoachServiceOptions options;
     options.references = {reference_};
     options.body_map = BodyMap::load(SECONDSKIN_SOURCE_DIR "/body_maps/arms.toml");
+    options.learner = "L-FIRST";
+    options.find_plan = [](const std::string& name) {
+      if (name != "two_blocks") throw std::runtime_error("no plan '" + name + "'");
+      SessionPlan plan = SessionPlan::open();
+      plan.name = name;
+      plan.blocks[0].name = "alone";
+      plan.blocks[0].repetitions = 1;
+      plan.blocks[0].schedule.kind = FeedbackSchedule::Kind::kOff;
+      plan.blocks.push_back(plan.blocks[0]);
+      return plan;
+    };
+    options.find_reference = [this](const std::string& name) {
+      if (name != "recorded_since") throw std::runtime_error("no reference '" + name + "'");
+      auto reference = std::make_shared<Reference>(*reference_);
+      reference->name = name;
+      return reference;
+    };
     return options;
   }
 
@@ -238,6 +255,59 @@ TEST_F(CoachServiceTest, NamesAReferenceThatItDoesNotKnow) {
     }
     return false;
   }));
+}
+
+TEST_F(CoachServiceTest, BeginsWhatACommandNames) {
+  bus::Reader<msg::ReferenceMotionList> lists(here_, bus::Want::kEvery);
+  msg::SessionCommand order;
+  order.action(msg::SESSION_START);
+  order.plan("two_blocks");
+  order.reference("recorded_since");
+  order.learner("L-SECOND");
+  orders_.write(order);
+  EXPECT_TRUE(wait_for_state([](const auto& s) {
+    return s.plan().to_string() == "two_blocks" && s.blocks() == 2 &&
+           s.reference().to_string() == "recorded_since" && s.learner().to_string() == "L-SECOND";
+  }));
+  msg::ReferenceMotionList list;
+  EXPECT_TRUE(eventually([&] {
+    while (lists.take(list)) {
+      if (list.references().size() == 2) return true;
+    }
+    return false;
+  }));
+  for (int i = 0; i < 60; ++i) EXPECT_FALSE(is_on(play())) << "the plan's block is without cues";
+
+  msg::SessionCommand back;  // empty keeps reference and learner
+  back.action(msg::SESSION_START);
+  back.plan("none");
+  orders_.write(back);
+  EXPECT_TRUE(wait_for_state([](const auto& s) {
+    return s.plan().size() == 0 && s.reference().to_string() == "recorded_since" &&
+           s.learner().to_string() == "L-SECOND";
+  }));
+  EXPECT_TRUE(play_until_on());
+}
+
+TEST_F(CoachServiceTest, GoesOnWithWhatItHasWhenACommandNamesAPlanThatIsNone) {
+  ASSERT_TRUE(play_until_on());
+  msg::SessionCommand order;
+  order.action(msg::SESSION_START);
+  order.plan("unheard_of");
+  order.learner("L-SECOND");
+  orders_.write(order);
+  msg::ServiceHealth health;
+  EXPECT_TRUE(eventually([&] {
+    while (health_.take(health)) {
+      if (health.message().to_string().find("no plan 'unheard_of'") != std::string::npos) {
+        return true;
+      }
+    }
+    return false;
+  }));
+  msg::SessionState state;
+  while (states_.take(state)) EXPECT_EQ(state.learner().to_string(), "L-FIRST");
+  EXPECT_TRUE(play_until_on());
 }
 
 TEST_F(CoachServiceTest, TurnsEverythingOffWhenItEnds) {
