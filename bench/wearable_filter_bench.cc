@@ -318,6 +318,7 @@ int main(int argc, char** argv) {
   app.add_option("--combination", bench.combination, "one row of Table 1");
   app.add_flag("--codec", bench.codec, "inertial readings through 6-bit delta modulation");
   app.add_option("--joint-jerk", s.joint_jerk);
+  app.add_option("--chain-jerk", s.chain_jerk);
   app.add_option("--root-turn-jerk", s.root_turn_jerk);
   app.add_option("--root-jerk", s.root_jerk);
   app.add_option("--gyro-noise", s.gyro_noise);

@@ -23,8 +23,9 @@ constexpr double kLimitSigma = 0.3;     ///< [rad]
 // What is known of any body, used where it is more than the filter knows.
 constexpr double kAnyAngle = 1.5, kAnyRate = 8.0, kAnyAcceleration = 150.0;  // [rad], /s, /s^2
 constexpr double kAnyVelocity = 5.0, kAnyPush = 30.0;                        // [m/s], [m/s^2]
-// How alike the members of a chain turn, of one use, ten a second.
-constexpr double kChainAngle = 1.0, kChainRate = 3.0;  // [rad], [rad/s]
+// How alike the members of a chain turn, of one use, ten a second. Their angles are not alike: a
+// neck leans forward under a level head.
+constexpr double kChainRate = 0.5;  ///< [rad/s]
 // A board whose readings did not pass for so long is taken with less weight until they do.
 constexpr int kPatience = 35;          ///< inertial readings
 constexpr int kDistancePatience = 30;  ///< distances, of all sources
@@ -188,8 +189,6 @@ void BodyFilter::State::use_knowledge() noexcept {
     for (std::size_t i = 1; i < chain.size(); ++i) {
       const GroupState &a = x.groups[static_cast<std::size_t>(chain[i - 1])],
                        &b = x.groups[static_cast<std::size_t>(chain[i])];
-      observe_likeness(layout.rotation(chain[i - 1], 0), layout.rotation(chain[i], 0),
-                       rotation_vector(b.q) - rotation_vector(a.q), square(kChainAngle), set);
       observe_likeness(layout.rotation(chain[i - 1], 1), layout.rotation(chain[i], 1), b.w - a.w,
                        square(kChainRate), set);
     }

@@ -24,8 +24,8 @@ struct FilterSettings {
   double chain_jerk = 50.0;    ///< of joints that no board tells apart, against each other
   double root_turn_jerk = 1000.0;  ///< the same of the root's rotation
   double root_jerk = 200.0;        ///< of the root's position [m/s^3 / sqrt(Hz)]
-  double gyro_noise = 0.15;        ///< a sample [rad/s]
-  double accel_noise = 8.0;        ///< a sample [m/s^2]
+  double gyro_noise = 0.2;         ///< a sample [rad/s]
+  double accel_noise = 10.0;       ///< a sample [m/s^2]
   double arm_sigma = 0.1;          ///< of lever arms, as felt by accelerometers (observation.h) [m]
   double distance_noise = 0.07;    ///< at confidence 1; divided by the confidence (5.2) [m]
   double gate = 0.999;             ///< probability that a good reading passes
@@ -34,7 +34,7 @@ struct FilterSettings {
 
   // What is unknown at the start, and how fast it may change.
   double pose_sigma = 0.01;       ///< of each joint [rad]
-  double mount_sigma = 0.05;      ///< of a board's turn on its segment about the vertical [rad]
+  double mount_sigma = 0.09;      ///< of a board's turn on its segment about the vertical [rad]
   double mount_tilt = 0.01;       ///< of its tilt, which gravity tells at rest [rad]
   double mount_walk = 5e-4;       ///< [rad per sqrt(s)]
   double gyro_bias_walk = 1e-4;   ///< [rad/s per sqrt(s)]
