@@ -120,7 +120,7 @@ TEST_F(Estimate, HasTheJacobiansOfItsModels) {
     const std::size_t board = static_cast<std::size_t>(trial * 5) % garment.boards.size();
     const Vector3d z = draw.vector(2.0), z2 = draw.vector(1.0);
     expect_jacobian(x, [&](const BodyState& s, ObservationSet& set) {
-      observe_gyro(body, s, board, time, z, 1.0, set);
+      observe_gyro(body, s, board, time, z, 1.0, 0.0, set);
     });
     expect_jacobian(x, [&](const BodyState& s, ObservationSet& set) {
       observe_accel(body, s, board, time, z, 1.0, 0.0, set);
@@ -259,7 +259,7 @@ TEST_F(Estimate, UpdatesAsTheDenseEquationsDo) {
     P.predict(x, 0.01, {1.0, 1.0, 1.0, 0.1, 1e-4, 1e-4, 1e-4, 1e-6});
     set.clear();
     for (std::size_t b = 0; b < garment.boards.size(); ++b) {
-      if (step % 2 == 0) observe_gyro(body, x, b, 0.0, draw.vector(1.0), 0.1, set);
+      if (step % 2 == 0) observe_gyro(body, x, b, 0.0, draw.vector(1.0), 0.1, 0.0, set);
       if (step % 2 == 1) {
         observe_distance(body, x, 7, b, -0.005, 0.003, 1.0, 0.01, set);
       }
@@ -289,8 +289,8 @@ TEST_F(Estimate, LeavesOutWhatDoesNotPassItsGate) {
   for (std::size_t b = 0; b < 6; ++b) {
     const auto& w = x.groups[0].w;
     const Vector3d z = b == 2 ? Vector3d(1e3, 0, 0) : b == 4 ? Vector3d::Constant(NAN) : w;
-    observe_gyro(body, x, b, 0.0, z, 100.0, with);
-    if (b != 2 && b != 4) observe_gyro(body, x, b, 0.0, z, 100.0, without);
+    observe_gyro(body, x, b, 0.0, z, 100.0, 0.0, with);
+    if (b != 2 && b != 4) observe_gyro(body, x, b, 0.0, z, 100.0, 0.0, without);
   }
   P.update(with, {10.8, 13.8, 16.3}, relax, passed, e1);
   EXPECT_TRUE(passed[0] && passed[1] && !passed[2] && passed[3] && !passed[4] && passed[5]);

@@ -66,7 +66,7 @@ class ModelRun {
           return Eigen::Vector3d(-ideal.y[0], -ideal.y[1], -ideal.y[2]);
         };
         ideal.clear();
-        observe_gyro(body, truth, b, 0.0, Eigen::Vector3d::Zero(), 1.0, ideal);
+        observe_gyro(body, truth, b, 0.0, Eigen::Vector3d::Zero(), 1.0, 0.0, ideal);
         inertial.boards[b].gyro = predicted() + noise(settings.gyro_noise);
         inertial.boards[b].gyro_valid = true;
         ideal.clear();
@@ -117,6 +117,7 @@ class ModelRun {
   /// know of.
   static FilterSettings quiet() {
     FilterSettings s;
+    s.rate_error = 0.0;  // rates err only as the model says
     s.joint_jerk = s.root_turn_jerk = 10.0;
     s.root_jerk = 3.0;
     s.gyro_noise = 0.05;

@@ -85,15 +85,25 @@ TEST(WearableSource, TakesSwappedBoardsAsEachOther) {
   EXPECT_LT(fit_of(source, worn).orientation, 12.0 * kDegree);
 }
 
+// To and fro, long enough for accelerations to lose the place.
+Motion repeated(const Motion& motion, int times) {
+  Motion result{motion.skeleton, motion.rate_hz, {}};
+  for (int i = 0; i < times; ++i) {
+    result.poses.insert(result.poses.end(), motion.poses.begin(), motion.poses.end());
+    result.poses.insert(result.poses.end(), motion.poses.rbegin(), motion.poses.rend());
+  }
+  return result;
+}
+
 TEST(WearableSource, StandsOnItsFeet) {
-  const sim::WornGarment worn(motion_of("squat"), practical(), sim::WornErrors{}, 2);
+  const sim::WornGarment worn(repeated(motion_of("squat"), 3), practical(), sim::WornErrors{}, 2);
   WearableOptions without;
   without.use_contacts = false;
   auto loose = source_of(worn, without), held = source_of(worn);
   const double far = fit_of(loose, worn).ground, near = fit_of(held, worn).ground;
   EXPECT_GE(held.contacts().counts().contacts, 2u);
   EXPECT_LT(near, 0.3);
-  EXPECT_LT(near, far);
+  EXPECT_LT(near, 0.5 * far);
 }
 
 TEST(WearableSource, SaysSoWhenARecordingHasNoRest) {

@@ -247,7 +247,8 @@ void BodyFilter::State::inertial(const Measurement& measurement) noexcept {
         ++counts[b].gyro.missing;
         continue;
       }
-      observe_gyro(body, x, b, time, reading.gyro, square(settings.gyro_noise), set);
+      observe_gyro(body, x, b, time, reading.gyro, square(settings.gyro_noise), settings.rate_error,
+                   set);
     }
     use_boards(&BoardInVain::gyro, &BoardCounts::gyro, kPatience, gyro_fit);
   }

@@ -25,6 +25,7 @@ struct FilterSettings {
   double root_turn_jerk = 1000.0;  ///< the same of the root's rotation
   double root_jerk = 200.0;        ///< of the root's position [m/s^3 / sqrt(Hz)]
   double gyro_noise = 0.2;         ///< a sample [rad/s]
+  double rate_error = 2.4;         ///< of the rates that joints turn under (observation.h) [rad/s]
   double accel_noise = 10.0;       ///< a sample [m/s^2]
   double arm_sigma = 0.1;          ///< of lever arms, as felt by accelerometers (observation.h) [m]
   double distance_noise = 0.07;    ///< at confidence 1; divided by the confidence (5.2) [m]

@@ -184,20 +184,27 @@ BodyModel::BodyModel(const Skeleton& canonical, const Garment& garment,
 }
 
 void observe_gyro(const BodyModel& body, const BodyState& state, std::size_t board, double time,
-                  const Vector3d& z, double variance, ObservationSet& set) noexcept {
+                  const Vector3d& z, double variance, double rate_error,
+                  ObservationSet& set) noexcept {
   if (!set.has_room(3)) return;
   PathMotion path;
   evaluate(body.skeleton, body.layout, state, body.fixed, body.segment_of[board], time, path);
   const BoardState& s = state.boards[board];
   const Matrix3d R_SW = (path.end().R * s.q_BS.toRotationMatrix()).transpose();
   const Vector3d w_S = R_SW * path.end().w;
+  const auto believed = [&](const Vector3d& w) {
+    const double w2 = w.squaredNorm();
+    return w2 > 0.0 ? w2 / (w2 + rate_error * rate_error) : 0.0;
+  };
   Gatherer gather(body, state, 3);
   for (std::size_t i = 0; i < path.size; ++i) {
-    gather.add(path.joints[i], R_SW, rate_block(path.joints[i]), time);
+    JointBlock block = rate_block(path.joints[i]);
+    block.rotation *= believed(path.joints[i].parent_w);
+    gather.add(path.joints[i], R_SW, block, time);
   }
   const int begin = static_cast<int>(set.entries.size());
   put_block(body.layout.gyro_bias(board), Matrix3d::Identity(), set);
-  put_block(body.layout.mount(board), cross_matrix(w_S), set);
+  put_block(body.layout.mount(board), believed(w_S) * cross_matrix(w_S), set);
   gather.emit(z - w_S - s.gyro_bias, variance, board, set, begin);
 }
 

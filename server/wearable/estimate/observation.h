@@ -50,8 +50,13 @@ inline const Eigen::Vector3d kGravity(0.0, 0.0, kStandardGravity);
 // observation after the state's [s]; it may be negative.
 
 /// Eq. 3: R_WS^T w_WS + bias.
+/// @param rate_error  how wrong the estimated rate w of what a joint turns under may be [rad/s].
+///        What the reading says of the joint's and the board's rotation counts w^2 / (w^2 +
+///        rate_error^2): used as if exact, an erroneous rate turns them for good (errors in
+///        variables). 0: the plain derivative.
 void observe_gyro(const BodyModel& body, const BodyState& state, std::size_t board, double time,
-                  const Eigen::Vector3d& z, double variance, ObservationSet& set) noexcept;
+                  const Eigen::Vector3d& z, double variance, double rate_error,
+                  ObservationSet& set) noexcept;
 /// Eq. 2: R_WS^T (J ddtheta + dJ dtheta + g) + bias.
 /// @param arm_sigma  how wrong lever arms may be [m]: the variance grows by that times the angular
 ///                   acceleration and the squared rate of the liveliest segment on the way
