@@ -88,13 +88,13 @@ CREATE TABLE joint_scores (
   position INTEGER NOT NULL,
   joint TEXT NOT NULL,
   measured INTEGER NOT NULL,
-  rms REAL NOT NULL,
-  peak REAL NOT NULL,
-  in_band REAL NOT NULL,
+  rms REAL,
+  peak REAL,
+  in_band REAL,
   timing_error REAL,
   smoothness REAL,
-  range REAL NOT NULL,
-  reference_range REAL NOT NULL,
+  range REAL,
+  reference_range REAL,
   PRIMARY KEY (repetition, position)
 ) WITHOUT ROWID;
 CREATE TABLE exposure (

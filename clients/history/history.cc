@@ -155,11 +155,11 @@ bool History::forget(const std::string& id) {
 
 // ---- writing
 
-bool History::book(const Session& now) {
+bool History::book(const Session& now, bool may_be_new) {
   auto transaction = begin(database_);
   auto id = find(database_, "SELECT id FROM sessions WHERE subject = ? AND start_ns = ?",
                  now.subject, now.start_ns);
-  if (!id && booked_session_ == now.start_ns) return false;
+  if (!id && !may_be_new) return false;
   const std::string& learner = now.learner.empty() ? kUnassigned : now.learner;
   change(database_, "INSERT OR IGNORE INTO learners VALUES (?, '', ?)", learner, now_ns());
   const auto fingerprint = std::bit_cast<std::int64_t>(now.reference.fingerprint);
@@ -210,7 +210,6 @@ bool History::book(const Session& now) {
            *id, site.channel, site.segment, site.dose_before, site.dose, site.duty, site.heat);
   }
   transaction.commit();
-  booked_session_ = now.start_ns;
   return true;
 }
 
@@ -262,9 +261,13 @@ History::Booked History::book(const std::string& subject, const Repetition& repe
   const std::int64_t id = database_.getLastInsertRowid();
   std::uint32_t position = 0;
   for (const JointFigures& joint : repetition.joints) {
+    const auto figure = [&](double value) {
+      return joint.measured ? std::optional(value) : std::nullopt;
+    };
     change(database_, "INSERT INTO joint_scores VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)", id,
-           position++, joint.joint, joint.measured, joint.rms, joint.peak, joint.in_band,
-           joint.timing_error, joint.smoothness, joint.range, joint.reference_range);
+           position++, joint.joint, joint.measured, figure(joint.rms), figure(joint.peak),
+           figure(joint.in_band), joint.timing_error, joint.smoothness, figure(joint.range),
+           figure(joint.reference_range));
   }
   transaction.commit();
   return Booked::kNew;

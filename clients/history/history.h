@@ -41,8 +41,9 @@ class History {
 
   /// Makes learner, plan, reference, session and block, where they are new, and what changed of
   /// them. Its blocks: the one under way, or none; its exposure: as it is now.
-  /// @returns false when the session was removed with its learner while it ran
-  bool book(const Session& now);
+  /// @param may_be_new  false: the session was booked before
+  /// @returns false when it is not there but was: it was removed with its learner while it ran
+  bool book(const Session& now, bool may_be_new);
 
   enum class Booked { kNew, kKnown, kNoSession };
   /// Adds a repetition to the newest block of the subject that had begun by then. A number that
@@ -65,7 +66,6 @@ class History {
 
   std::filesystem::path file_;
   SQLite::Database database_;
-  std::int64_t booked_session_ = 0;  ///< start of the one that book() made or found last
 };
 
 /// 'L-' and six signs that are not mistaken for one another, from the system's random source.
