@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cctype>
 #include <charconv>
 #include <chrono>
 #include <memory>
@@ -54,6 +55,15 @@ std::string choice(const HttpRequest& request, const std::string& first,
     throw Refusal{400, fmt::format("format: expected {}, got \"{}\"", words, value)};
   }
   return value;
+}
+
+/// Of a file that is offered; an id that another program gave may hold anything.
+std::string file_name(const char* what, const std::string& id, const char* kind) {
+  std::string safe = id;
+  std::replace_if(
+      safe.begin(), safe.end(),
+      [](unsigned char c) { return std::isalnum(c) == 0 && c != '-' && c != '_'; }, '_');
+  return fmt::format("{}_{}.{}", what, safe, kind);
 }
 
 Learner known(History& history, const std::string& id) {
@@ -157,7 +167,7 @@ HttpResponse report_of(History& history, const HttpRequest& request) {
     return {.status = 200,
             .content_type = "application/pdf",
             .body = pdf_of(html),
-            .file_name = fmt::format("report_{}.pdf", learner.id)};
+            .file_name = file_name("report", learner.id, "pdf")};
   } catch (const std::exception& error) {
     throw Refusal{503, error.what()};
   }
@@ -172,7 +182,7 @@ HttpResponse export_of(History& history, const HttpRequest& request) {
                                              .body = export_csv(course),
                                              .file_name = {}}
                               : answer(200, export_json(learner, course));
-  response.file_name = fmt::format("history_{}.{}", learner.id, csv ? "csv" : "json");
+  response.file_name = file_name("history", learner.id, csv ? "csv" : "json");
   return response;
 }
 

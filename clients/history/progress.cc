@@ -93,30 +93,27 @@ std::vector<Retention> retention_of(std::span<const ProgressPoint> points) {
     if (today != nullptr) continue;  // something was done that day: not what the night left
     const auto* newest = last_before(earlier, point, [](const auto&) { return true; });
     if (newest == nullptr) continue;
-    const auto* without_cues = last_before(earlier, point, [&](const ProgressPoint& other) {
-      return day(other) == day(*newest) && uncued(other);
-    });
-    found.push_back(compare(Retention::Kind::kAcrossDays,
-                            without_cues != nullptr ? *without_cues : *newest, point));
+    found.push_back(compare(Retention::Kind::kAcrossDays, *newest, point));
   }
   return found;
 }
 
 std::vector<ScheduleSummary> schedules_of(const Progress& progress) {
   std::vector<ScheduleSummary> all;
+  std::vector<const ProgressPoint*> first;
   std::vector<std::int64_t> last_session;
   for (const ProgressPoint& point : progress.points) {
-    auto found = std::find_if(all.begin(), all.end(),
-                              [&](const auto& s) { return s.schedule == point.schedule; });
+    const auto found = std::find_if(all.begin(), all.end(),
+                                    [&](const auto& s) { return s.schedule == point.schedule; });
+    const auto i = static_cast<std::size_t>(found - all.begin());
     if (found == all.end()) {
       all.push_back({point.schedule, 0, point.mean_total, 0.0, {}});
+      first.push_back(&point);
       last_session.push_back(0);
-      found = all.end() - 1;
     }
-    auto& last = last_session[static_cast<std::size_t>(found - all.begin())];
-    if (last != point.session) ++found->sessions;
-    last = point.session;
-    found->last = point.mean_total;
+    if (last_session[i] != point.session) ++all[i].sessions;
+    last_session[i] = point.session;
+    if (alike(point, *first[i])) all[i].last = point.mean_total;
   }
   for (ScheduleSummary& summary : all) {
     double sum = 0.0, count = 0.0;

@@ -34,7 +34,7 @@ struct ProgressPoint {
 struct Retention {
   enum class Kind : std::uint8_t {
     kAfterCues,  ///< against the last cued block of the same session
-    kAcrossDays  ///< the first of a day against the newest of an earlier day, without cues if any
+    kAcrossDays  ///< the first block of a day against the newest of an earlier day
   };
   Kind kind = Kind::kAfterCues;
   ProgressPoint practice;   ///< the earlier block
@@ -47,7 +47,7 @@ struct Retention {
 struct ScheduleSummary {
   std::string schedule;
   std::size_t sessions = 0;         ///< with such a block
-  double first = 0.0, last = 0.0;   ///< mean total of the first and the last such block
+  double first = 0.0, last = 0.0;   ///< mean total of the first such block, and of the last like it
   std::optional<double> retention;  ///< mean change of the kAfterCues that follow such a block
 };
 
