@@ -213,6 +213,36 @@ bool History::book(const Session& now, bool may_be_new) {
   return true;
 }
 
+std::optional<std::int64_t> History::block_for(const std::string& subject,
+                                               const Repetition& repetition) {
+  const std::int64_t stamp = repetition.stamp_ns;
+  const auto session = find(database_,
+                            "SELECT id FROM sessions WHERE subject = ?1 AND start_ns <= ?2 AND "
+                            "(end_ns IS NULL OR ?2 <= end_ns) ORDER BY start_ns DESC LIMIT 1",
+                            subject, stamp);
+  if (!session) return std::nullopt;
+  const auto begun =
+      find(database_, "SELECT max(number) FROM blocks WHERE session = ? AND start_ns <= ?",
+           *session, stamp);
+  // Each block counts its repetitions from 1: a number that is there already is another block's.
+  for (const std::int64_t number : {begun.value_or(0), begun.value_or(-1) + 1}) {
+    const auto block =
+        find(database_, "SELECT id FROM blocks WHERE session = ? AND number = ?", *session, number);
+    if (!block) {
+      change(database_,
+             "INSERT INTO blocks (session, number, name, start_ns, schedule, planned, "
+             "tolerance_scale, max_cues) VALUES (?, ?, '', ?, '', 0, 1, 0)",
+             *session, number, repetition.start_ns);
+      return database_.getLastInsertRowid();
+    }
+    if (!find(database_, "SELECT id FROM repetitions WHERE block = ? AND number = ?", *block,
+              repetition.number)) {
+      return block;
+    }
+  }
+  return std::nullopt;
+}
+
 History::Booked History::book(const std::string& subject, const Repetition& repetition) {
   auto transaction = begin(database_);
   if (find(database_,
@@ -221,42 +251,12 @@ History::Booked History::book(const std::string& subject, const Repetition& repe
            repetition.stamp_ns, repetition.start_ns, subject)) {
     return Booked::kKnown;
   }
-  std::int64_t block = 0, session = 0, index = 0;
-  {
-    Statement newest = prepare(
-        database_,
-        "SELECT b.id, b.session, b.number FROM blocks b JOIN sessions s ON b.session = s.id "
-        "WHERE s.subject = ?1 AND b.start_ns <= ?2 AND (s.end_ns IS NULL OR ?2 <= s.end_ns) "
-        "ORDER BY b.start_ns DESC, b.number DESC LIMIT 1",
-        subject, repetition.stamp_ns);
-    if (!newest.executeStep()) return Booked::kNoSession;
-    block = newest.getColumn(0);
-    session = newest.getColumn(1);
-    index = newest.getColumn(2);
-  }
-  const auto taken = [&] {
-    return find(database_, "SELECT id FROM repetitions WHERE block = ? AND number = ?", block,
-                repetition.number)
-        .has_value();
-  };
-  if (taken()) {
-    const auto next = find(database_, "SELECT id FROM blocks WHERE session = ? AND number = ?",
-                           session, index + 1);
-    if (next) {
-      block = *next;
-      if (taken()) return Booked::kNoSession;
-    } else {
-      change(database_,
-             "INSERT INTO blocks (session, number, name, start_ns, schedule, planned, "
-             "tolerance_scale, max_cues) VALUES (?, ?, '', ?, '', 0, 1, 0)",
-             session, index + 1, repetition.start_ns);
-      block = database_.getLastInsertRowid();
-    }
-  }
+  const auto block = block_for(subject, repetition);
+  if (!block) return Booked::kNoSession;
   change(database_,
          "INSERT INTO repetitions (block, number, stamp_ns, start_ns, end_ns, total, cues, cued) "
          "VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-         block, repetition.number, repetition.stamp_ns, repetition.start_ns, repetition.end_ns,
+         *block, repetition.number, repetition.stamp_ns, repetition.start_ns, repetition.end_ns,
          repetition.total, repetition.cues, repetition.cued);
   const std::int64_t id = database_.getLastInsertRowid();
   std::uint32_t position = 0;

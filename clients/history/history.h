@@ -46,8 +46,8 @@ class History {
   bool book(const Session& now, bool may_be_new);
 
   enum class Booked { kNew, kKnown, kNoSession };
-  /// Adds a repetition to the newest block of the subject that had begun by then. A number that
-  /// this block has already belongs to a block that nobody heard begin: one without a name.
+  /// Adds a repetition to the block that had begun by then in the subject's session of that time.
+  /// Where nobody heard one begin, or it has that number already, it gets a block without a name.
   Booked book(const std::string& subject, const Repetition& repetition);
 
   // ---- what pages and reports read
@@ -63,6 +63,7 @@ class History {
  private:
   std::vector<Session> list(const std::string& condition, const std::string& key);
   void fill(Session& session);
+  std::optional<std::int64_t> block_for(const std::string& subject, const Repetition& repetition);
 
   std::filesystem::path file_;
   SQLite::Database database_;

@@ -126,6 +126,7 @@ struct HistoryService::State {
     // The states first: a repetition is booked to a block that is known.
     msg::SessionState state;
     while (states.take(state)) {
+      heard_state = true;
       if (state.session_start_ns() == 0) continue;  // no session yet
       const std::int64_t stamp = state.header().stamp_ns();
       decided.push_back({stamp > 1 ? stamp : state.session_start_ns(),
@@ -133,6 +134,9 @@ struct HistoryService::State {
       if (decided.size() > kDecisions) decided.pop_front();
       push(from_message(state, subject));
     }
+    // After a restart the repetitions may come first; without the state it is not known whether
+    // they are still of the session that is booked.
+    if (!heard_state) return;
     msg::RepetitionScore score;
     while (repetitions.take(score)) {
       health.sample(static_cast<double>(bus::now_ns() - score.header().stamp_ns()) * 1e-9);
@@ -242,6 +246,7 @@ struct HistoryService::State {
   std::optional<History> history;  // once the file could be opened
   std::string source;
   std::map<std::string, std::pair<std::string, double>> known;  // description, duration
+  bool heard_state = false;
   std::deque<Decision> decided;
   std::deque<std::variant<Session, Repetition>> waiting;
   std::string trouble;

@@ -89,15 +89,25 @@ std::string spoken(const std::string& name) {
 
 std::string score_plot(std::span<const ProgressPoint> points) {
   if (points.empty()) return {};
-  constexpr double kLeft = 36.0, kRight = 14.0, kTop = 24.0, kBottom = 190.0, kHeight = 220.0;
+  constexpr double kLeft = 36.0, kRight = 14.0, kTop = 24.0, kBottom = 190.0, kHeight = 220.0,
+                   kApart = 9.0;
   const std::int64_t from = points.front().start_ns, to = points.back().start_ns;
   const bool by_time = to - from > kTwoDays;
-  const double span = kWidth - kLeft - kRight - 20.0;
+  const double span = kWidth - kLeft - kRight - (by_time ? 56.0 : 20.0);
+  const auto session_start = [&](std::size_t i) {
+    while (i > 0 && points[i - 1].session == points[i].session) --i;
+    return points[i].start_ns;
+  };
   const auto x = [&](std::size_t i) {
     const double share =
-        by_time ? static_cast<double>(points[i].start_ns - from) / static_cast<double>(to - from)
+        by_time ? static_cast<double>(session_start(i) - from) / static_cast<double>(to - from)
                 : (points.size() > 1 ? static_cast<double>(i) / double(points.size() - 1) : 0.5);
-    return kLeft + 10.0 + share * span;
+    // Blocks of one session would lie upon one another.
+    double within = 0.0;
+    if (by_time) {
+      for (std::size_t j = i; j > 0 && points[j - 1].session == points[i].session; --j) ++within;
+    }
+    return kLeft + 10.0 + share * span + kApart * within;
   };
   const auto y = [&](double total) { return kBottom - (kBottom - kTop) * total / 100.0; };
 

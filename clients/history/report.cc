@@ -4,6 +4,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 #include <ctime>
 #include <map>
 #include <tuple>
@@ -17,6 +18,7 @@ namespace secondskin::history {
 namespace {
 
 constexpr std::size_t kMostConditions = 3;
+constexpr std::size_t kMostRetention = 14;  // rows: the newest
 constexpr double kHour = 3600.0;
 
 constexpr const char* kStyle = R"(
@@ -38,9 +40,9 @@ td { border-bottom: 0.1mm solid #ccc; padding: 0.7mm 1.5mm; vertical-align: top;
 thead { display: table-header-group; }
 tr, figure { break-inside: avoid; }
 figure { margin: 1mm 0 2mm; }
-dl { display: grid; grid-template-columns: 34mm 1fr; margin: 0; }
-dt { font-weight: bold; }
-dd { margin: 0; }
+dl { margin: 0; }
+dt { font-weight: bold; float: left; clear: left; width: 30mm; }
+dd { margin: 0 0 1mm 32mm; }
 )";
 
 std::string when(std::int64_t ns, bool with_time) {
@@ -48,7 +50,16 @@ std::string when(std::int64_t ns, bool with_time) {
   return with_time ? fmt::format("{:%d %b %Y, %H:%M}", time) : fmt::format("{:%d %b %Y}", time);
 }
 
-std::string signed_points(double change) { return fmt::format("{:+.1f}", change); }
+std::string signed_points(double change) {
+  return fmt::format("{}{:.1f}", change < 0.0 ? "−" : "+", std::abs(change));
+}
+
+/// "left_knee" as a heading.
+std::string titled(const std::string& name) {
+  std::string title = spoken(name);
+  if (!title.empty() && title[0] >= 'a' && title[0] <= 'z') title[0] -= 'a' - 'A';
+  return escaped(title);
+}
 
 std::string pause_of(double seconds) {
   if (seconds < 120.0) return fmt::format("{:.0f} s", seconds);
@@ -125,33 +136,6 @@ std::string head(const Learner& learner, std::span<const Session> course, std::i
   return html;
 }
 
-std::string retention_table(const Progress& progress) {
-  if (progress.retention.empty()) {
-    return "<p>There is no block without cues after practice under the same conditions, so nothing "
-           "is known yet of what stays.</p>\n";
-  }
-  Table table({"Compared", "Earlier block", "Block without cues", "#Pause", "#Earlier",
-               "#Without cues", "#Change"});
-  for (const Retention& entry : progress.retention) {
-    table.row({entry.kind == Retention::Kind::kAfterCues ? "in the session" : "across days",
-               block_words(entry.practice), block_words(entry.retention), pause_of(entry.pause),
-               fmt::format("{:.1f}", entry.practice.mean_total),
-               fmt::format("{:.1f}", entry.retention.mean_total), signed_points(entry.change())});
-  }
-  return table.html();
-}
-
-std::string schedule_table(const Progress& progress) {
-  Table table(
-      {"Schedule", "#Sessions", "#First block", "#Last block", "#Change when cues are gone"});
-  for (const ScheduleSummary& schedule : progress.schedules) {
-    table.row({schedule_words(schedule.schedule), fmt::format("{}", schedule.sessions),
-               fmt::format("{:.1f}", schedule.first), fmt::format("{:.1f}", schedule.last),
-               schedule.retention ? signed_points(*schedule.retention) : "–"});
-  }
-  return table.html();
-}
-
 /// Points that may be compared, the largest groups first.
 std::vector<std::vector<ProgressPoint>> conditions(const Progress& progress) {
   std::map<std::tuple<std::uint64_t, double, double>, std::vector<ProgressPoint>> groups;
@@ -165,6 +149,73 @@ std::vector<std::vector<ProgressPoint>> conditions(const Progress& progress) {
   return all;
 }
 
+/// Those with cues and those without.
+std::pair<std::vector<ProgressPoint>, std::vector<ProgressPoint>> parted(
+    const std::vector<ProgressPoint>& points) {
+  std::pair<std::vector<ProgressPoint>, std::vector<ProgressPoint>> parts;
+  for (const ProgressPoint& point : points) {
+    (point.schedule == kNoCues ? parts.second : parts.first).push_back(point);
+  }
+  return parts;
+}
+
+/// Each reference's first and last block without cues, or with cues where there is none.
+std::string glance(std::span<const Session> course, const std::vector<std::string>& references) {
+  Table table({"Motion", "#Sessions", "#Repetitions", "Compared", "#First", "#Last", "#Change"});
+  for (const std::string& reference : references) {
+    std::size_t sessions = 0, repetitions = 0;
+    for (const Session& session : course) {
+      if (session.reference.name != reference) continue;
+      ++sessions;
+      repetitions += session.repetitions;
+    }
+    const auto groups = conditions(progress(course, reference));
+    if (groups.empty()) continue;
+    const auto [cued, alone] = parted(groups.front());
+    const auto& points = alone.size() > 1 ? alone : cued.empty() ? alone : cued;
+    const double first = points.front().mean_total, last = points.back().mean_total;
+    table.row({titled(reference), fmt::format("{}", sessions), fmt::format("{}", repetitions),
+               &points == &alone ? "without cues" : "with cues", fmt::format("{:.1f}", first),
+               fmt::format("{:.1f}", last), points.size() > 1 ? signed_points(last - first) : "–"});
+  }
+  return "<h2>At a glance</h2>\n" + table.html() +
+         "<p class=\"small\">Mean score of the first and of the last block, 0 to 100, of what was "
+         "practised most.</p>\n";
+}
+
+std::string retention_table(const Progress& progress) {
+  if (progress.retention.empty()) {
+    return "<p>There is no block without cues after practice under the same conditions, so nothing "
+           "is known yet of what stays.</p>\n";
+  }
+  Table table({"Compared", "Earlier block", "Block without cues", "#Pause", "#Earlier",
+               "#Without cues", "#Change"});
+  const std::size_t left_out =
+      progress.retention.size() - std::min(progress.retention.size(), kMostRetention);
+  for (const Retention& entry : std::span(progress.retention).subspan(left_out)) {
+    table.row({entry.kind == Retention::Kind::kAfterCues ? "in the session" : "across days",
+               block_words(entry.practice), block_words(entry.retention), pause_of(entry.pause),
+               fmt::format("{:.1f}", entry.practice.mean_total),
+               fmt::format("{:.1f}", entry.retention.mean_total), signed_points(entry.change())});
+  }
+  return table.html() +
+         (left_out == 0 ? std::string()
+                        : fmt::format("<p class=\"small\">The newest; {} earlier ones are left "
+                                      "out.</p>\n",
+                                      left_out));
+}
+
+std::string schedule_table(const Progress& progress) {
+  Table table(
+      {"Schedule", "#Sessions", "#First block", "#Last block", "#Change when cues are gone"});
+  for (const ScheduleSummary& schedule : progress.schedules) {
+    table.row({schedule_words(schedule.schedule), fmt::format("{}", schedule.sessions),
+               fmt::format("{:.1f}", schedule.first), fmt::format("{:.1f}", schedule.last),
+               schedule.retention ? signed_points(*schedule.retention) : "–"});
+  }
+  return table.html();
+}
+
 std::string condition_plots(const std::vector<ProgressPoint>& points) {
   const ProgressPoint& any = points.front();
   std::string html = fmt::format(
@@ -172,10 +223,7 @@ std::string condition_plots(const std::vector<ProgressPoint>& points) {
       "version {})</span></h3>\n<figure>{}</figure>\n",
       100.0 * any.tempo, any.tolerance_scale, hex(any.fingerprint).substr(0, 8),
       score_plot(points));
-  std::vector<ProgressPoint> cued, alone;
-  for (const ProgressPoint& point : points) {
-    (point.schedule == kNoCues ? alone : cued).push_back(point);
-  }
+  const auto [cued, alone] = parted(points);
   const auto& compared = alone.size() > 1 ? alone : cued;
   if (compared.size() > 1) {
     html +=
@@ -187,7 +235,7 @@ std::string condition_plots(const std::vector<ProgressPoint>& points) {
 }
 
 std::string reference_section(std::span<const Session> course, const std::string& reference) {
-  std::string html = fmt::format("<h2>{}</h2>\n", escaped(spoken(reference)));
+  std::string html = fmt::format("<h2>{}</h2>\n", titled(reference));
   for (const Session& session : course) {
     if (session.reference.name != reference || session.reference.description.empty()) continue;
     html += fmt::format("<p>{} The expert takes {:.1f} s.</p>\n",
@@ -196,14 +244,17 @@ std::string reference_section(std::span<const Session> course, const std::string
   }
   const Progress all = progress(course, reference);
   const auto groups = conditions(all);
-  for (std::size_t i = 0; i < std::min(groups.size(), kMostConditions); ++i) {
-    html += condition_plots(groups[i]);
+  std::size_t drawn = 0;
+  for (const auto& points : groups) {
+    if (points.size() < 2 || drawn == kMostConditions) break;
+    html += condition_plots(points);
+    ++drawn;
   }
-  if (groups.size() > kMostConditions) {
+  if (groups.size() > drawn) {
     html += fmt::format(
-        "<p class=\"small\">{} further tempos, tolerances or versions of the "
-        "reference were practised less and are not drawn.</p>\n",
-        groups.size() - kMostConditions);
+        "<p class=\"small\">Practised too little to be drawn: {} further combination(s) of tempo, "
+        "tolerances and version.</p>\n",
+        groups.size() - drawn);
   }
   html += "<h3>What stays when the cues are gone</h3>\n" + retention_table(all);
   html += "<h3>Schedules</h3>\n" + schedule_table(all);
@@ -269,7 +320,9 @@ std::string report_html(const Learner& learner, std::span<const Session> course,
       "'unsafe-inline'\"><title>Training report {}</title><style>{}</style></head><body>\n",
       escaped(learner.id), kStyle);
   html += head(learner, course, made_ns);
-  for (const std::string& reference : practised_references(course)) {
+  const auto references = practised_references(course);
+  if (!references.empty()) html += glance(course, references);
+  for (const std::string& reference : references) {
     html += reference_section(course, reference);
   }
   if (!course.empty()) html += session_table(course);
