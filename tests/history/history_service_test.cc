@@ -309,5 +309,48 @@ TEST_F(HistoryServiceTest, ASessionOfADeletedLearnerIsNotKeptOn) {
   EXPECT_TRUE(History(file).learners().empty());
 }
 
+TEST_F(HistoryServiceTest, ARealSessionIsBookedAsItsCoachScoredIt) {
+  auto service = start();
+  const std::string plan = folder / "two.toml";
+  std::ofstream(plan) << "name = \"two\"\n"
+                         "[[block]]\nname = \"slow\"\nrepetitions = 1\ntempo = 0.8\n"
+                         "tolerance_scale = 0.3\nmax_cues = 1\nrest_s = 0.5\n"
+                         "schedule = { kind = \"fading\", with = \"success\" }\n"
+                         "[[block]]\nname = \"alone\"\nrepetitions = 1\ntolerance_scale = 0.3\n"
+                         "schedule = { kind = \"off\" }\n";
+  session::Process train(
+      {"train", "--reference", "low_block", "--plan", plan, "--recording", folder / "r.mcap",
+       "--loop", "--domain", std::to_string(participant().config().domain), "--subject",
+       participant().config().subject},
+      folder / "train.log");
+  ASSERT_TRUE(train.wait(90s)) << train.output();
+  ASSERT_TRUE(eventually([&] { return booked() == 2; })) << train.output();
+  const Session session = History(file).session(1).value();
+  EXPECT_EQ(session.learner, kUnassigned) << "nobody said who learns";
+  EXPECT_EQ(session.plan, "two");
+  EXPECT_EQ(session.reference.name, "low_block");
+  EXPECT_GT(session.reference.duration, 3.0) << "as topic references says";
+  EXPECT_NE(session.source.find("learner.bvh"), std::string::npos);
+  ASSERT_EQ(session.blocks.size(), 2u);
+  EXPECT_EQ(session.blocks[0].schedule, "fading");
+  EXPECT_EQ(session.blocks[1].schedule, "off");
+  EXPECT_DOUBLE_EQ(session.blocks[0].tempo.value(), 0.8);
+  for (const Block& block : session.blocks) {
+    ASSERT_EQ(block.repetitions.size(), 1u);
+    const Repetition& repetition = block.repetitions[0];
+    char said[80];
+    std::snprintf(said, sizeof said,
+                  "block '%s' (tempo %g): 1 repetitions, mean score %.1f, %u cues",
+                  block.name.c_str(), *block.tempo, repetition.total, repetition.cues);
+    EXPECT_TRUE(train.says(said)) << said << "\n" << train.output();
+    EXPECT_EQ(repetition.cued, block.schedule != kNoCues);
+    EXPECT_EQ(repetition.joints.size(), 22u);
+  }
+  double dose = 0.0;
+  for (const SiteExposure& site : session.exposure) dose += site.dose - site.dose_before;
+  EXPECT_GT(dose, 0.0) << "it was cued";
+  EXPECT_TRUE(session.end_ns);
+}
+
 }  // namespace
 }  // namespace secondskin::history
