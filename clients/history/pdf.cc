@@ -7,6 +7,8 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cerrno>
 #include <chrono>
 #include <cstring>
@@ -21,7 +23,7 @@ namespace {
 using namespace std::chrono_literals;
 
 constexpr const char* kProgram = "weasyprint";
-constexpr auto kLongest = 60s;
+constexpr auto kLongest = 120s;
 constexpr const char* kInstead = "The HTML report holds the same and can be printed from a browser";
 
 /// A file without a name, gone with its last user: no pipe that may fill up.
@@ -82,11 +84,14 @@ std::string pdf_of(const std::string& html) {
   ::posix_spawn_file_actions_adddup2(&actions, in.fd(), 0);
   ::posix_spawn_file_actions_adddup2(&actions, out.fd(), 1);
   ::posix_spawn_file_actions_adddup2(&actions, said.fd(), 2);
-  std::string words[] = {kProgram, "--encoding", "utf-8", "-", "-"};
-  char* argv[] = {words[0].data(), words[1].data(), words[2].data(),
-                  words[3].data(), words[4].data(), nullptr};
+  // Nothing of ours stays open in there: not the port, not the guardian's socket.
+  ::posix_spawn_file_actions_addclosefrom_np(&actions, 3);
+  // It may run beside a session, whose turn comes first.
+  std::array<std::string, 8> words{"nice", "-n", "10", kProgram, "--encoding", "utf-8", "-", "-"};
+  std::array<char*, words.size() + 1> argv{};
+  std::transform(words.begin(), words.end(), argv.begin(), [](auto& word) { return word.data(); });
   pid_t child = -1;
-  const int error = ::posix_spawnp(&child, kProgram, &actions, nullptr, argv, environ);
+  const int error = ::posix_spawnp(&child, argv[0], &actions, nullptr, argv.data(), environ);
   ::posix_spawn_file_actions_destroy(&actions);
   const auto missing = [] {
     return std::runtime_error(
