@@ -5,7 +5,6 @@
 #include <sys/stat.h>
 
 #include <fstream>
-#include <regex>
 #include <set>
 #include <sstream>
 
@@ -176,10 +175,11 @@ TEST(History, IsForItsOwnerOnly) {
 
 TEST(History, PseudonymsAreRandomAndReadable) {
   std::set<std::string> seen;
-  const std::regex shape("L-[34679ACDEFGHJKLMNPQRTWXY]{6}");
   for (int i = 0; i < 2000; ++i) {
     const std::string id = new_pseudonym();
-    EXPECT_TRUE(std::regex_match(id, shape)) << id;
+    EXPECT_EQ(id.size(), 8u) << id;
+    EXPECT_TRUE(id.starts_with("L-")) << id;
+    EXPECT_EQ(id.find_first_not_of("34679ACDEFGHJKLMNPQRTWXY", 2), std::string::npos) << id;
     seen.insert(id);
   }
   // Of 24^6 there should be a hundredth of a pair of equals.

@@ -4,7 +4,6 @@
 
 #include <cmath>
 #include <fstream>
-#include <regex>
 
 #include "clients/history/pdf.h"
 #include "course.h"
@@ -65,7 +64,9 @@ TEST(Report, EscapesAllText) {
 
 TEST(Report, NeedsNothingFromElsewhere) {
   const std::string html = report_html(kLearner, weeks(), kMorning + 40 * kDay);
-  EXPECT_FALSE(std::regex_search(html, std::regex("(\\bsrc=|href|@import|url\\()")));
+  for (const char* reaches_out : {" src=", "href", "@import", "url("}) {
+    EXPECT_EQ(html.find(reaches_out), std::string::npos) << reaches_out;
+  }
   EXPECT_EQ(html.find("://"), html.find("://www.w3.org/2000/svg")) << "a name, not an address";
   EXPECT_NE(html.find("default-src 'none'"), std::string::npos);
 }
