@@ -163,6 +163,8 @@ void to_message(const PlanProgress& progress, msg::SessionState& message) {
   message.block(static_cast<std::uint32_t>(progress.block_index()));
   message.block_name(block.name);
   message.block_tempo(block.tempo);
+  const auto schedule = schedule_name(block.schedule.kind);
+  message.block_schedule().assign(schedule.data(), schedule.size());
   message.block_repetitions(static_cast<std::uint32_t>(progress.repetitions()));
   message.block_planned(static_cast<std::uint32_t>(block.repetitions));
   message.resting(progress.resting());

@@ -262,6 +262,8 @@ fs::path own_files() {
 
 }  // namespace
 
+fs::path Library::own_history() const { return own_files() / "history.db"; }
+
 fs::path Library::own_references() const { return own_files() / "reference_motions"; }
 fs::path Library::own_optical() const { return own_files() / "optical"; }
 fs::path Library::own_wearable() const { return own_files() / "wearable"; }

@@ -55,6 +55,9 @@ class Library {
   /// Where `reference add` puts new ones: $XDG_DATA_HOME/secondskin/reference_motions.
   std::filesystem::path own_references() const;
 
+  /// The history's database: $XDG_DATA_HOME/secondskin/history.db.
+  std::filesystem::path own_history() const;
+
   /// Folders of all references: the default one first, of equal names the user's own only.
   std::vector<std::filesystem::path> references() const;
   /// By name, or a path to a folder or motion file. @throws std::runtime_error listing the names.
@@ -194,6 +197,7 @@ void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_study(CLI::App& app);
+void add_history(CLI::App& app);
 void add_doctor(CLI::App& app);
 
 }  // namespace secondskin::cli

@@ -40,6 +40,7 @@ int run(int argc, char** argv) {
   cli::add_calibrate_tactors(app);
   cli::add_calibrate_wearable(app);
   cli::add_study(app);
+  cli::add_history(app);
   cli::add_doctor(app);
   if (argc > 1 && argv[1][0] != '-' &&
       app.get_subcommands([&](CLI::App* known) { return known->check_name(argv[1]); }).empty()) {

@@ -56,6 +56,12 @@ bool is_cued(double phase, std::size_t done, Share share) noexcept {
 
 }  // namespace
 
+std::string_view schedule_name(FeedbackSchedule::Kind kind) noexcept {
+  constexpr std::string_view kNames[] = {"always",          "bandwidth", "fading",
+                                         "fading_by_joint", "yoked",     "off"};
+  return kNames[static_cast<std::size_t>(kind)];
+}
+
 double cued_share(const FeedbackSchedule& schedule, std::span<const Outcome> done,
                   std::size_t repetitions, std::span<const double, kJointCount> weight) noexcept {
   if (!schedule.by_success) {

@@ -3,6 +3,7 @@
 #include <array>
 #include <cstdint>
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "coach/correct/correction.h"
@@ -52,6 +53,9 @@ struct FeedbackSchedule {
   double goal = 0.9;                ///< share of time in the band at which the share is `last`
   std::vector<GivenCue> cues = {};  ///< yoked
 };
+
+/// As a plan's file has it, e.g. "fading_by_joint".
+std::string_view schedule_name(FeedbackSchedule::Kind kind) noexcept;
 
 /// Success is the mean of so many repetitions.
 inline constexpr std::size_t kRecentRepetitions = 3;
