@@ -52,8 +52,10 @@ void FoxgloveServer::publish(std::size_t channel, std::int64_t time_ns,
   });
 }
 
-void FoxgloveServer::clear(std::size_t channel) {
-  web_.post([this, channel] { channels_[channel]->kept.clear(); });
+void FoxgloveServer::forget_before(std::size_t channel, std::string key) {
+  web_.post([this, channel, key = std::move(key)] {
+    std::erase_if(channels_[channel]->kept, [&](const Kept& kept) { return kept.key < key; });
+  });
 }
 
 void FoxgloveServer::keep(Served& channel, Kept kept) {

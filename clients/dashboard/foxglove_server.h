@@ -49,8 +49,8 @@ class FoxgloveServer final : public WebSocketService {
   /// @param key  of Keep::kEach: the newest of each is kept for new subscribers
   void publish(std::size_t channel, std::int64_t time_ns, std::vector<std::uint8_t> bytes,
                std::string key = {});
-  /// Keeps nothing of a channel any more for those who come.
-  void clear(std::size_t channel);
+  /// Keeps nothing any more whose key is less. Any thread.
+  void forget_before(std::size_t channel, std::string key);
 
  private:
   struct Kept {
