@@ -99,16 +99,16 @@ std::string time_key(std::int64_t time_ns) { return fmt::format("{:020}", time_n
 struct DashboardService::State {
   State(bus::Participant& participant, DashboardOptions given)
       : options(std::move(given)),
-        raw(participant.config()),
-        commands(participant),
-        stops(participant),
-        health(participant, "dashboard"),
         session_topic(topic_of(participant.config().subject, "session")),
         server(
             channels(participant.config().subject, options),
             {session_topic, topic_of(participant.config().subject, "stop")},
             [this](const auto& channel, auto payload) { return publish(channel, payload); },
             options.web, options.handlers),
+        raw(participant.config()),
+        commands(participant),
+        stops(participant),
+        health(participant, "dashboard"),
         scene({.subject = participant.config().subject,
                .reference = options.reference,
                .wanted = [this](Drawn drawn) { return server.wanted(place_of(drawn)); },
@@ -121,6 +121,8 @@ struct DashboardService::State {
       news.attach(*readers.back());
     }
   }
+
+  ~State() { server.stop(); }  // its thread uses the writers
 
   // ---- from clients, on the sockets' thread
 
@@ -187,14 +189,14 @@ struct DashboardService::State {
   }
 
   DashboardOptions options;
-  bus::Participant raw;  // one participant reads a topic either raw or typed
+  std::string session_topic;
+  FoxgloveServer server;  // first, so that a port in use costs nothing
+  bus::Participant raw;   // one participant reads a topic either raw or typed
   bus::Writer<msg::SessionCommand> commands;
   bus::Writer<msg::EmergencyStop> stops;
   bus::HealthReporter health;
-  std::string session_topic;
   std::vector<std::unique_ptr<bus::RawReader>> readers;
   bus::WaitSet news;
-  FoxgloveServer server;  // ends before the writers that its thread uses
   LiveScene scene;
   bus::RawMessage message;
   msg::ServiceHealth service;
