@@ -12,7 +12,7 @@ namespace {
 
 // The floor is the lowest that the learner was; an outlier is forgotten at this rate, slow enough
 // that a jump is none [m a pose].
-constexpr double kFloorRise = 0.0005;
+constexpr double kFloorRise = 0.00005;
 
 double leg_length(const Skeleton& canonical) {
   return canonical[index(Joint::kLeftKnee)].p_PB.norm() +
