@@ -7,7 +7,7 @@
 // of @foxglove/schemas, not the one that the bridge sent. Whole numbers of 64 bits are written as strings.
 import omgidl from "@foxglove/omgidl-parser";
 import serialization from "@foxglove/omgidl-serialization";
-import * as schemas from "@foxglove/schemas/jsonschema";
+import * as schemas from "@foxglove/schemas/jsonschema.js";
 import protocol from "@foxglove/ws-protocol";
 import Ajv from "ajv";
 import WebSocket from "ws";
@@ -48,8 +48,8 @@ function end(code) {
     if (ArrayBuffer.isView(value)) return Array.from(value);
     return value;
   };
-  console.log(JSON.stringify(found, plain));
-  process.exit(code);
+  client.close();
+  process.stdout.write(JSON.stringify(found, plain), () => process.exit(code));
 }
 
 client.on("error", (error) => { console.error(error.message); process.exit(1); });
@@ -69,7 +69,9 @@ client.on("advertise", (channels) => {
     client.sendMessage(id, new TextEncoder().encode(publish.json));
   }
 });
+let over = false;
 client.on("message", (event) => {
+  if (over) return;
   const { topic, decode } = decoders.get(event.subscriptionId);
   try {
     found.messages[topic].push({ time: event.timestamp, value: decode(event.data) });
@@ -77,6 +79,9 @@ client.on("message", (event) => {
     console.error(error.message);
     process.exit(1);
   }
-  if ([...wanted].every(([name, count]) => (found.messages[name] ?? []).length >= count)) end(0);
+  if ([...wanted].every(([name, count]) => (found.messages[name] ?? []).length >= count)) {
+    over = true;
+    end(0);
+  }
 });
 setTimeout(() => end(3), 20000);
