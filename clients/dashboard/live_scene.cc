@@ -1,6 +1,8 @@
 #include "clients/dashboard/live_scene.h"
 
 #include <spdlog/spdlog.h>
+#include <sys/resource.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -30,6 +32,8 @@ constexpr std::size_t kPlace = bus::kTopicOf<Message>;
 constexpr std::array kUsed{kPlace<msg::SkeletonDefinition>, kPlace<msg::SkeletonPose>,
                            kPlace<msg::SessionState>, kPlace<msg::Alignment>,
                            kPlace<msg::TactorCommand>};
+
+constexpr int kNiceness = 10;
 
 std::vector<std::uint8_t> bytes_of(const std::string& text) { return {text.begin(), text.end()}; }
 
@@ -207,6 +211,8 @@ void LiveScene::take(std::size_t topic, std::int64_t source_ns,
 
 void LiveScene::run(std::stop_token stop) {
   auto& s = *state_;
+  // Of this thread alone: what is looked at waits for what is felt.
+  ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), kNiceness);
   while (!stop.stop_requested()) {
     {
       std::unique_lock lock(s.mutex);

@@ -1,6 +1,7 @@
 #include "clients/dashboard/scene.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "motion/body_shape.h"
@@ -31,13 +32,23 @@ Json json_of(const Eigen::Quaterniond& q) {
   return {{"x", q.x()}, {"y", q.y()}, {"z", q.z()}, {"w", q.w()}};
 }
 Json json_of(const Colour& c) { return {{"r", c.r}, {"g", c.g}, {"b", c.b}, {"a", c.a}}; }
+// To a tenth of a millimetre: the text is a third as long.
+double rounded(double value) { return std::round(value * 1e4) / 1e4; }
+Eigen::Vector3d rounded(const Eigen::Vector3d& v) {
+  return v.unaryExpr([](double x) { return rounded(x); });
+}
+Json rounded(const Eigen::Quaterniond& q) {
+  return {
+      {"x", rounded(q.x())}, {"y", rounded(q.y())}, {"z", rounded(q.z())}, {"w", rounded(q.w())}};
+}
+
 Json pose_of(const Eigen::Vector3d& position, const Eigen::Quaterniond& orientation) {
-  return {{"position", json_of(position)}, {"orientation", json_of(orientation)}};
+  return {{"position", json_of(rounded(position))}, {"orientation", rounded(orientation)}};
 }
 
 Json sphere(const Eigen::Vector3d& centre, double diameter, const Colour& colour) {
   return {{"pose", pose_of(centre, Eigen::Quaterniond::Identity())},
-          {"size", json_of(Eigen::Vector3d::Constant(diameter))},
+          {"size", json_of(rounded(Eigen::Vector3d::Constant(diameter)))},
           {"color", json_of(colour)}};
 }
 
@@ -72,7 +83,7 @@ Json body(const char* id, std::int64_t time_ns, const Figure& figure,
       const double diameter = 2.0 * capsule.radius;
       drawn["cylinders"].push_back(
           {{"pose", pose_of(p_WA + 0.5 * axis, along)},
-           {"size", json_of(Eigen::Vector3d(diameter, diameter, axis.norm()))},
+           {"size", json_of(rounded(Eigen::Vector3d(diameter, diameter, axis.norm())))},
            {"bottom_scale", 1.0},
            {"top_scale", 1.0},
            {"color", json_of(colour)}});
