@@ -3,8 +3,9 @@
 // A whole session runs as the real programs: capture of a recorded learner in a loop, coach, tactor
 // driver, virtual board, and the dashboard. Rounds without clients and rounds with fifty idle
 // clients, four that take everything and one that subscribes to everything and takes nothing
-// alternate in one run. The latency is the driver's own count of each second, from the pose's
-// measurement to its bytes written to the board. docs/dashboard.md quotes the output.
+// alternate in one run. Two latencies: of each frame, from the pose's measurement to its command
+// published, exactly; and to its bytes written to the board, the driver's own count of each second,
+// whose steps are a third of the value. docs/dashboard.md quotes the output.
 
 #include <fmt/core.h>
 #include <poll.h>
@@ -89,18 +90,34 @@ class Client {
 
 struct Seconds {
   std::vector<double> p50, p99;  // of the driver, one a second [s]
+  std::vector<double> command;   // of each frame [s]
   std::uint64_t messages = 0, bytes = 0;
   double time = 0.0;
 };
 
-void listen(bus::Reader<msg::ServiceHealth>& health, double seconds, Seconds* into) {
+struct Readers {
+  explicit Readers(bus::Participant& participant)
+      : health(participant, bus::Want::kEvery), commands(participant, bus::Want::kEvery) {}
+  bus::Reader<msg::ServiceHealth> health;
+  bus::Reader<msg::TactorCommand> commands;
+};
+
+void listen(Readers& readers, double seconds, Seconds* into) {
+  auto& health = readers.health;
   bus::WaitSet news;
   news.attach(health);
+  news.attach(readers.commands);
+  msg::TactorCommand command;
   const auto end = std::chrono::steady_clock::now() + std::chrono::duration<double>(seconds);
   msg::ServiceHealth words;
   for (auto now = std::chrono::steady_clock::now(); now < end;
        now = std::chrono::steady_clock::now()) {
     news.wait(std::chrono::duration_cast<std::chrono::nanoseconds>(end - now));
+    while (readers.commands.take(command)) {
+      const auto& header = command.header();
+      if (into == nullptr) continue;
+      into->command.push_back(1e-9 * static_cast<double>(header.publish_ns() - header.stamp_ns()));
+    }
     while (health.take(words)) {
       if (into == nullptr || words.service() != "tactors" || words.rate_hz() < 1.0) continue;
       into->p50.push_back(words.latency_p50());
@@ -147,8 +164,8 @@ void measure(const Options& options) {
                                 .domain = options.domain,
                                 .qos_file = bench::kRoot / "idl" / "qos.xml",
                                 .name = "secondskin_dashboard_bench"});
-  bus::Reader<msg::ServiceHealth> health(participant, bus::Want::kEvery);
-  listen(health, 6.0, nullptr);  // start-up
+  Readers readers(participant);
+  listen(readers, 6.0, nullptr);  // start-up
 
   std::array<Seconds, 2> found;
   for (std::size_t round = 0; round < options.rounds; ++round) {
@@ -163,7 +180,7 @@ void measure(const Options& options) {
           if (i + 1 < options.active) clients.back()->take_all();
         }
       }
-      listen(health, 2.0, nullptr);  // a second that saw both is nobody's
+      listen(readers, 2.0, nullptr);  // a second that saw both is nobody's
       const auto counted = [&] {
         std::pair<std::uint64_t, std::uint64_t> sum{0, 0};
         for (const auto& client : clients) {
@@ -173,7 +190,7 @@ void measure(const Options& options) {
         return sum;
       };
       const auto before = counted();
-      listen(health, options.seconds, &found[busy]);
+      listen(readers, options.seconds, &found[busy]);
       const auto after = counted();
       found[busy].messages += after.first - before.first;
       found[busy].bytes += after.second - before.second;
@@ -197,6 +214,9 @@ void measure(const Options& options) {
       const Seconds& s = found[busy];
       out["rows"].push_back({{"clients", busy ? options.idle + options.active : 0},
                              {"seconds", s.p50.size()},
+                             {"frames", s.command.size()},
+                             {"command_p50_ms", median(s.command)},
+                             {"command_p99_ms", 1e3 * bench::quantile(s.command, 0.99)},
                              {"p50_ms", median(s.p50)},
                              {"p99_ms", median(s.p99)},
                              {"worst_p99_ms", 1e3 * bench::quantile(s.p99, 1.0)},
@@ -206,15 +226,27 @@ void measure(const Options& options) {
     fmt::print("{}\n", out.dump(2));
     return;
   }
+  const auto name = [&](bool busy) {
+    return busy ? fmt::format("{} idle clients, {} active, one of them stuck", options.idle,
+                              options.active)
+                : std::string("no client");
+  };
+  fmt::print("pose measured -> command published\n{:<44} {:>7} {:>8} {:>8} {:>10}   ms\n", "",
+             "frames", "p50", "p99", "max");
+  for (const bool busy : {false, true}) {
+    const auto& values = found[busy].command;
+    fmt::print("{:<44} {:>7} {:>8.3f} {:>8.3f} {:>10.3f}\n", name(busy), values.size(),
+               median(values), 1e3 * bench::quantile(values, 0.99),
+               1e3 * bench::quantile(values, 1.0));
+  }
+  fmt::print("ratio of the medians {:.2f}\n\n",
+             median(found[1].command) / median(found[0].command));
   fmt::print("pose measured -> bytes written to the board, by the driver's count of each second\n");
   fmt::print("{:<44} {:>7} {:>8} {:>8} {:>10}   ms\n", "", "seconds", "p50", "p99", "worst p99");
   for (const bool busy : {false, true}) {
     const Seconds& s = found[busy];
-    const std::string name = busy ? fmt::format("{} idle clients, {} active, one of them stuck",
-                                                options.idle, options.active)
-                                  : std::string("no client");
-    fmt::print("{:<44} {:>7} {:>8.3f} {:>8.3f} {:>10.3f}\n", name, s.p50.size(), median(s.p50),
-               median(s.p99), 1e3 * bench::quantile(s.p99, 1.0));
+    fmt::print("{:<44} {:>7} {:>8.3f} {:>8.3f} {:>10.3f}\n", name(busy), s.p50.size(),
+               median(s.p50), median(s.p99), 1e3 * bench::quantile(s.p99, 1.0));
   }
   fmt::print(
       "ratio of the medians: p50 {:.2f}, p99 {:.2f}; sent: {:.0f} messages, {:.2f} MB a second\n",
