@@ -72,6 +72,10 @@ concept TopicMessage = kTopicOf<Message> < kTopics.size();
 /// The topic's full name: rt/secondskin/<subject>/<name>.
 std::string full_topic_name(std::string_view subject, std::string_view name);
 
+/// The type's name in the IDL, for schemas: "secondskin_msgs::msg::SkeletonPose" for
+/// "secondskin_msgs::msg::dds_::SkeletonPose_".
+std::string idl_type_name(std::string_view type_name);
+
 /// A message as the bytes that travel: encapsulation header, then CDR. Little-endian XCDR1.
 template <TopicMessage Message>
 std::vector<std::uint8_t> encode(const Message& message);

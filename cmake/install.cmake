@@ -3,6 +3,7 @@ include(CMakePackageConfigHelpers)
 
 set(data_dir ${CMAKE_INSTALL_DATADIR}/secondskin)
 install(FILES idl/qos.xml idl/secondskin_msgs.idl DESTINATION ${data_dir}/idl)
+install(DIRECTORY idl/foxglove DESTINATION ${data_dir}/idl)
 install(DIRECTORY joint_maps body_maps plans marker_sets suits garments calibration_objects reference_motions DESTINATION ${data_dir})
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/secondskin)

@@ -266,6 +266,12 @@ fs::path Library::own_references() const { return own_files() / "reference_motio
 fs::path Library::own_optical() const { return own_files() / "optical"; }
 fs::path Library::own_wearable() const { return own_files() / "wearable"; }
 
+fs::path Library::page() const {
+  const fs::path installed = root_ / "dashboard";
+  return fs::exists(installed / "index.html") ? installed
+                                              : root_ / "clients" / "dashboard" / "web" / "dist";
+}
+
 std::vector<fs::path> Library::references() const {
   std::vector<fs::path> found;
   std::set<std::string> names;

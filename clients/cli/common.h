@@ -40,6 +40,9 @@ class Library {
   std::filesystem::path root() const { return root_; }
   std::filesystem::path qos() const { return root_ / "idl" / "qos.xml"; }
   std::filesystem::path idl() const { return root_ / "idl" / "secondskin_msgs.idl"; }
+  /// The dashboard's built page: "dashboard" of an installation, else where the source tree builds
+  /// it.
+  std::filesystem::path page() const;
   std::filesystem::path joint_maps() const { return root_ / "joint_maps"; }
   std::filesystem::path marker_sets() const { return root_ / "marker_sets"; }
   /// By name, or a path to a .toml file. @throws std::runtime_error listing the names.
@@ -188,6 +191,7 @@ void add_calibrate_tactors(CLI::App& app);   ///< after add_calibrate()
 void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
+void add_dashboard(CLI::App& app);
 void add_study(CLI::App& app);
 void add_doctor(CLI::App& app);
 

@@ -39,6 +39,7 @@ int run(int argc, char** argv) {
   cli::add_calibrate(app);
   cli::add_calibrate_tactors(app);
   cli::add_calibrate_wearable(app);
+  cli::add_dashboard(app);
   cli::add_study(app);
   cli::add_doctor(app);
   if (argc > 1 && argv[1][0] != '-' &&

@@ -42,16 +42,6 @@ std::filesystem::path with_folder(const std::filesystem::path& file) {
   return file;
 }
 
-// "secondskin_msgs::msg::dds_::SkeletonPose_" on the wire is secondskin_msgs::msg::SkeletonPose in
-// the IDL.
-std::string schema_name(std::string_view type_name) {
-  constexpr std::string_view kRosModule = "dds_::";
-  std::string name(type_name);
-  name.erase(name.find(kRosModule), kRosModule.size());
-  name.pop_back();
-  return name;
-}
-
 }  // namespace
 
 struct RecorderService::State {
@@ -64,7 +54,7 @@ struct RecorderService::State {
       const auto& info = bus::kTopics[t];
       channels[t] = writer.add_channel(
           fmt::format("/secondskin/{}/{}", participant.config().subject, info.name),
-          schema_name(info.type_name), "omgidl", idl);
+          bus::idl_type_name(info.type_name), "omgidl", idl);
       readers.push_back(std::make_unique<bus::RawReader>(raw, t));
       news.attach(*readers.back());
     }

@@ -1,0 +1,134 @@
+#include "clients/cli/dashboard_options.h"
+
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <sys/random.h>
+
+#include <algorithm>
+#include <array>
+#include <set>
+#include <stdexcept>
+#include <system_error>
+
+#include "clients/dashboard/library_api.h"
+#include "clients/dashboard/static_files.h"
+
+namespace secondskin::cli {
+namespace {
+
+constexpr const char* kNoPage =
+    "<!doctype html><meta charset=\"utf-8\"><title>Second Skin</title>"
+    "<h1>Second Skin</h1><p>The bridge runs, but the page has not been built. In the source tree:"
+    "<pre>cd clients/dashboard/web\nnpm ci\nnpm run build</pre>"
+    "<p>and load this page again. Foxglove and other programs connect to this port already.";
+
+std::string random_token() {
+  std::array<unsigned char, 16> bytes;
+  if (::getrandom(bytes.data(), bytes.size(), 0) != static_cast<ssize_t>(bytes.size())) {
+    throw std::system_error(errno, std::generic_category(), "no random numbers for a token");
+  }
+  std::string text;
+  for (const unsigned char byte : bytes) text += fmt::format("{:02x}", byte);
+  return text;
+}
+
+std::vector<coach::SessionPlan> all_plans(const Library& library) {
+  std::set<std::string> names;
+  std::error_code error;
+  const auto folder = library.root() / "plans";
+  for (std::filesystem::directory_iterator it(folder, error), end; !error && it != end;
+       it.increment(error)) {
+    if (it->path().extension() == ".toml") names.insert(it->path().stem().string());
+  }
+  std::vector<coach::SessionPlan> plans;
+  for (const auto& name : names) {
+    try {
+      plans.push_back(library.load_plan(name));
+    } catch (const std::exception& why) {
+      spdlog::warn("{}", why.what());
+    }
+  }
+  return plans;
+}
+
+/// By name only: who asks over the network must not make us read any file.
+std::shared_ptr<const coach::Reference> known_reference(const Library& library,
+                                                        const std::string& names) {
+  const auto folders = library.references();
+  for (std::size_t begin = 0; begin <= names.size();) {
+    const std::size_t end = std::min(names.find(kPerformances, begin), names.size());
+    const std::string name = names.substr(begin, end - begin);
+    if (std::none_of(folders.begin(), folders.end(),
+                     [&](const auto& folder) { return folder.filename() == name; })) {
+      std::string known;
+      for (const auto& folder : folders) {
+        known += (known.empty() ? "" : ", ") + folder.filename().string();
+      }
+      throw std::runtime_error(fmt::format("reference '{:.64}': expected one of {}", name, known));
+    }
+    begin = end + 1;
+  }
+  return library.load_reference(names);
+}
+
+}  // namespace
+
+dashboard::DashboardOptions PageOptions::prepare(
+    const std::string& subject, const Library& library,
+    const std::vector<std::shared_ptr<const coach::Reference>>& own) const {
+  dashboard::DashboardOptions options;
+  options.web.bind = bind;
+  options.web.port = port;
+  options.web.page = page.empty() ? library.page() : page;
+  options.web.no_page = kNoPage;
+  options.web.access = {token, allowed_origins};
+  if (token.empty() && !dashboard::is_loopback(bind)) options.web.access.token = random_token();
+  options.idl = library.idl();
+  options.foxglove_schemas = library.root() / "idl" / "foxglove";
+  options.reference = [library, own](const std::string& name) {
+    for (const auto& reference : own) {
+      if (reference->name.substr(0, 64) == name) return reference;
+    }
+    return known_reference(library, name);
+  };
+  options.handlers.push_back(dashboard::handler(
+      {.subject = subject,
+       .version = SECONDSKIN_VERSION,
+       .page_version = [files =
+                            dashboard::StaticFiles(options.web.page)] { return files.version(); },
+       .history = false,
+       .plans = [library] { return all_plans(library); },
+       .reference = options.reference}));
+  return options;
+}
+
+void add_page_options(CLI::App& command, PageOptions& options, const std::string& port_option) {
+  command
+      .add_option(port_option, options.port,
+                  port_option == "--port" ? "of the page and its WebSocket; 0: any that is free"
+                                          : "of the dashboard's page; 0: no dashboard")
+      ->capture_default_str();
+  command
+      .add_option("--bind", options.bind,
+                  "the dashboard's address; another than 127.0.0.1 opens it to the network, with a "
+                  "token")
+      ->capture_default_str();
+  command.add_option("--token", options.token,
+                     "what the page asks for (default: none on this machine, else a random one)");
+  command.add_option("--allow-origin", options.allowed_origins,
+                     "a web page that may connect beside the dashboard's own, e.g. "
+                     "https://app.foxglove.dev");
+  command.add_option("--page", options.page, "the folder of another page");
+}
+
+std::string page_address(const dashboard::DashboardOptions& options, std::uint16_t port) {
+  const auto& web = options.web;
+  const bool any = web.bind == "0.0.0.0" || web.bind == "::";
+  const std::string host = any                                       ? "localhost"
+                           : web.bind.find(':') != std::string::npos ? "[" + web.bind + "]"
+                                                                     : web.bind;
+  return fmt::format("http://{}:{}/{}", host, port,
+                     web.access.token.empty() ? "" : "?token=" + web.access.token);
+}
+
+}  // namespace secondskin::cli

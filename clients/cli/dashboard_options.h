@@ -1,0 +1,33 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <string>
+#include <vector>
+
+#include "clients/cli/common.h"
+#include "clients/dashboard/dashboard_service.h"
+
+/// Options of the commands that serve the dashboard.
+namespace secondskin::cli {
+
+struct PageOptions {
+  std::uint16_t port = 8765;
+  std::string bind = "127.0.0.1";
+  std::string token;
+  std::vector<std::string> allowed_origins;
+  std::filesystem::path page;  ///< empty: Library::page()
+
+  /// Makes a token where one is needed and none was given.
+  /// @param own  references that the library may not know, e.g. of a file on the command line
+  dashboard::DashboardOptions prepare(
+      const std::string& subject, const Library& library,
+      const std::vector<std::shared_ptr<const coach::Reference>>& own = {}) const;
+};
+
+/// @param port_option  "--port" where no other port is meant
+void add_page_options(CLI::App& command, PageOptions& options, const std::string& port_option);
+
+/// What to open in a browser.
+std::string page_address(const dashboard::DashboardOptions& options, std::uint16_t port);
+
+}  // namespace secondskin::cli
