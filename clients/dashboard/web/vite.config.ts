@@ -1,14 +1,10 @@
-import { readFileSync } from "node:fs";
 import { defineConfig } from "vitest/config";
-
-const version = JSON.parse(readFileSync(new URL("package.json", import.meta.url), "utf8")).version as string;
 
 // `npm run dev` serves the sources; BRIDGE says where the data comes from.
 const bridge = process.env.BRIDGE ?? "http://127.0.0.1:8765";
 
 export default defineConfig({
   base: "./",
-  define: { __PAGE_VERSION__: JSON.stringify(version) },
   build: { target: "es2022", chunkSizeWarningLimit: 1200, assetsInlineLimit: 0 },
   server: {
     host: "127.0.0.1",

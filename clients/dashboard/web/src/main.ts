@@ -11,8 +11,6 @@ import { SessionView } from "./view/session";
 import { SignalsView } from "./view/signals";
 import { StopBar } from "./view/stop_bar";
 
-declare const __PAGE_VERSION__: string;
-
 const NAMES = ["session", "history", "signals"] as const;
 type Name = (typeof NAMES)[number];
 
@@ -67,12 +65,15 @@ function tell(text: string): void {
   setText(message, text);
 }
 
+// The page's version as the bridge had it when the page was loaded.
+let ours: string | undefined;
+
 async function meetBridge(): Promise<void> {
   try {
     const info = await api.info();
     history.available = info.history;
-    const other = info.page_version;
-    tell(other != undefined && other !== "" && other !== __PAGE_VERSION__ ? texts.connection.version(__PAGE_VERSION__, other) : "");
+    ours ??= info.page_version;
+    tell(info.page_version === ours ? "" : texts.connection.newer);
     await session.load(info.history);
     if (shown === "history") void history.load();
   } catch {

@@ -17,8 +17,7 @@ export const texts = {
     lostBody: "Nothing on this page is live. It tries again by itself.",
     lostSafety: "STOP on this page does not reach the tactors now. To stop them, take the board off its power.",
     refused: (why: string) => `The bridge refused: ${why}`,
-    version: (page: string, bridge: string) =>
-      `This page is version ${page}, the bridge brings ${bridge}. Load the page again.`,
+    newer: "The bridge has a newer page. Load this page again when the session is over.",
   },
 
   stop: {
@@ -83,7 +82,8 @@ export const texts = {
     learner: "Learner", expert: "Expert",
     legend: "Error of each limb",
     grade: { none: "not judged", inside: "in tolerance", outside: "outside", far: "far outside" },
-    label3d: (joint: string, deg: number, limit: number) => `${joint} ${deg}° (limit ${limit}°)`,
+    label3d: (joint: string, deg: number, limit: number | null) =>
+      limit == null ? `${joint} ${deg}°` : `${joint} ${deg}° (limit ${limit}°)`,
   },
 
   body: {
@@ -99,7 +99,8 @@ export const texts = {
       "front-left": "front left", "front-right": "front right",
       "back-left": "back left", "back-right": "back right",
     },
-    mode: { continuous: "", pulsed: ", pulsing", saltation: ", running round", "saltation-reverse": ", running round backwards" },
+    ring: "all round",
+    mode: { continuous: "", pulsed: ", pulsing", saltation: ", running", "saltation-reverse": ", running back" },
     figure: (side: string, on: number) => `Body from the ${side}: ${on} tactors on`,
   },
 
@@ -126,7 +127,7 @@ export const texts = {
     heading: "Controls",
     learner: "Learner", reference: "Exercise", plan: "Plan and cue schedule",
     tolerance: "Tolerance", cues: "Cues at once",
-    noPlan: "Practice, always cued",
+    noPlan: "Practice, no plan",
     keepLearner: "As it is",
     newLearner: "New learner …",
     times: (value: string) => `${value} ×`,

@@ -14,6 +14,8 @@ interface Dot { channel: number; ring: SVGCircleElement; fill: SVGCircleElement;
 export class BodyMap {
   readonly element: HTMLElement;
   private readonly figures = { front: this.figure("front"), back: this.figure("back") };
+  private readonly limbs = [...this.figures.front.querySelectorAll<SVGPathElement>(".limb"),
+    ...this.figures.back.querySelectorAll<SVGPathElement>(".limb")];
   private readonly now = el("p", { class: "tactors-now" });
   private sites: TactorSite[] = [];
   private dots: Dot[] = [];
@@ -54,6 +56,8 @@ export class BodyMap {
     const drives = known && !stopped ? decodeSlots(message.intensities) : null;
     setData(this.element, "state", !live.connected ? "unknown" : stopped ? "stopped" : "known");
     for (const dot of this.dots) this.show(dot, drives?.[dot.channel]);
+    const lit = new Set(this.sites.filter(({ channel }) => (drives?.[channel]?.level ?? 0) > 0).map(({ segment }) => segment));
+    for (const limb of this.limbs) setData(limb, "on", String(lit.has(limb.dataset.segment!)));
     setText(this.now, !live.connected ? texts.body.unknown : stopped ? texts.body.off : this.words(drives));
     const on = drives?.filter((drive) => drive.level > 0).length ?? 0;
     setData(this.element, "on", String(on));
@@ -67,7 +71,7 @@ export class BodyMap {
     const level = drive?.level ?? 0;
     const state = level === 0 ? "off" : drive!.mode!;
     setData(dot.ring, "mode", state);
-    const radius = level === 0 ? "0" : (3.2 + 6.8 * level).toFixed(1);
+    const radius = level === 0 ? "0" : (4 + 8 * level).toFixed(1);
     if (dot.fill.getAttribute("r") !== radius) dot.fill.setAttribute("r", radius);
     setText(dot.mark, state === "saltation" ? "↻" : state === "saltation-reverse" ? "↺" : "");
   }
@@ -82,14 +86,14 @@ export class BodyMap {
       const ring = drive.mode.startsWith("saltation");
       if (ring && rings.has(site.segment)) continue;
       if (ring) rings.add(site.segment);
-      parts.push(texts.body.now(segmentText(site.segment), texts.body.side[sideOf(site.angle)],
+      parts.push(texts.body.now(segmentText(site.segment), ring ? texts.body.ring : texts.body.side[sideOf(site.angle)],
         Math.round(drive.level * 100), texts.body.mode[drive.mode]));
     }
-    return parts.length === 0 ? texts.body.quiet : parts.slice(0, 3).join("\n");
+    return parts.length === 0 ? texts.body.quiet : parts.slice(0, 2).join("\n");
   }
 
   private figure(side: "front" | "back"): SVGSVGElement {
-    const limbs = [...LIMBS].map(([, limb]) => {
+    const limbs = [...LIMBS].map(([name, limb]) => {
       // A limb's outline: two half circles and their tangents, good enough for a map.
       const length = Math.hypot(limb.x2 - limb.x, limb.y2 - limb.y) || 1;
       const nx = -(limb.y2 - limb.y) / length;
@@ -98,10 +102,10 @@ export class BodyMap {
       const d = `M${at(limb.x, limb.y, limb.r)} L${at(limb.x2, limb.y2, limb.r2)}`
         + ` A${limb.r2} ${limb.r2} 0 0 0 ${at(limb.x2, limb.y2, -limb.r2)} L${at(limb.x, limb.y, -limb.r)}`
         + ` A${limb.r} ${limb.r} 0 0 0 ${at(limb.x, limb.y, limb.r)} Z`;
-      return svg("path", { d, class: "limb" });
+      return svg("path", { d, class: "limb", "data-segment": name });
     });
     const shape = svg("g", {}, ...limbs);
     if (side === "back") shape.setAttribute("transform", `translate(${FIGURE.width} 0) scale(-1 1)`);
-    return svg("svg", { viewBox: `0 0 ${FIGURE.width} ${FIGURE.height}`, role: "img" }, shape, svg("g", { class: "dots" }));
+    return svg("svg", { viewBox: `8 2 ${FIGURE.width - 16} ${FIGURE.height - 8}`, role: "img" }, shape, svg("g", { class: "dots" }));
   }
 }

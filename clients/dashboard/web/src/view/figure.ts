@@ -47,7 +47,7 @@ export class Figure {
     }
     for (const { joint, to, end } of body.bones) {
       const limb = new Mesh(
-        new CapsuleGeometry(radiusOf(body.names[joint]!, end), to.length(), 4, 10), this.materials[joint]);
+        new CapsuleGeometry(radiusOf(body.names[joint]!, end), to.length(), 5, 14), this.materials[joint]);
       limb.position.copy(to).multiplyScalar(0.5);
       limb.quaternion.copy(new Quaternion().setFromUnitVectors(new Vector3(0, 1, 0), to.clone().normalize()));
       this.limbs[joint]!.push(limb);

@@ -43,7 +43,7 @@ export class Plot {
     const axis = { stroke: INK, grid: GRID, ticks: GRID, font: FONT };
     return {
       cursor: { y: false },
-      legend: { live: true },
+      legend: { live: false },
       scales: { x: { time: time === "clock" }, y: { range: range ?? ((_plot, _low, high): [number, number] => [0, Math.max(1, high * 1.1)]) } },
       axes: [axis, { ...axis, label: unit, labelFont: FONT, size: 58 }],
       series: [

@@ -22,13 +22,14 @@ export class SessionView {
   readonly stage: Stage | null;
   private readonly status: Status;
   private readonly body = new BodyMap();
-  private readonly timeline = new Timeline();
+  private readonly timeline: Timeline;
   private readonly notice = el("div", { class: "notice", role: "status", hidden: true });
   private readonly repetitions = new Repetitions();
   private reference = "";
 
   constructor(private readonly live: Live, connection: Connection, private readonly stop: StopBar) {
     this.status = new Status(this.repetitions);
+    this.timeline = new Timeline(this.status.bars);
     this.controls = new Controls(live, connection);
     this.stage = this.makeStage();
     this.element = el("div", { class: "session" },

@@ -2,7 +2,7 @@
 import { seconds } from "../connection";
 import { el, setData, setText, table } from "../dom";
 import type { Live } from "../live";
-import { SERVICE_STATES, type ServiceHealth } from "../messages";
+import { ALIGNMENT_PHASES, SERVICE_STATES, type ServiceHealth } from "../messages";
 import { degrees, norm } from "../model/error";
 import { Series } from "../model/series";
 import { jointText, readable, texts } from "../texts";
@@ -77,16 +77,19 @@ export class SignalsView {
   }
 
   private collect(): void {
-    const { tactors, correction, raw } = this.live.newest;
+    const { tactors, correction, raw, alignment } = this.live.newest;
     if (this.live.isFresh("tactors") && tactors) {
       const { stamp_ns, publish_ns } = tactors.header;
       this.latency.push(this.time(stamp_ns), [Number(publish_ns - stamp_ns) / 1e6]);
     }
     if (this.live.isFresh("correction") && correction) {
       const time = this.time(correction.header.stamp_ns);
+      // An error says something only while the learner is being followed.
+      const phase = ALIGNMENT_PHASES[alignment?.phase ?? 0];
+      const followed = phase === "moving" || phase === "paused";
       for (const { joint, series } of this.joints) {
         const found = correction.joints.find((one) => one.joint === joint);
-        if (found) series.push(time, [degrees(found.tolerance), degrees(norm(found.error))]);
+        if (found) series.push(time, [degrees(found.tolerance), followed ? degrees(norm(found.error)) : null]);
       }
     }
     if (this.live.isFresh("raw") && raw) {

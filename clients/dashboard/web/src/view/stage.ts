@@ -1,7 +1,7 @@
 // The 3D view: learner and expert on a floor, errors on the limbs.
 import {
-  AmbientLight, AxesHelper, BufferAttribute, BufferGeometry, DirectionalLight, GridHelper, PerspectiveCamera, Points,
-  PointsMaterial, Scene, Spherical, Vector3, WebGLRenderer,
+  AmbientLight, AxesHelper, BufferAttribute, BufferGeometry, DirectionalLight, LineBasicMaterial, LineSegments,
+  PerspectiveCamera, Points, PointsMaterial, Scene, Spherical, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { el, setText } from "../dom";
@@ -17,6 +17,12 @@ const LEARNER = { colour: COLOURS.none, opacity: 1 };
 const GHOST = { colour: "#dfe6ee", opacity: 0.3 };
 const BESIDE = { colour: "#c3ccd6", opacity: 1 };
 const APART = 1.25;         // between learner and expert, side by side [m]
+const NEAR = 2.9;           // of the camera, so that a body fills the height [m]
+const TOOLS = 100;          // of the height is buttons and legend [px]
+const NARROW = 620;         // labels are short below [px]
+const FLOOR = 12;           // half metres each way
+const STILL = 0.12;         // the camera lets so much be [m]
+const FOLLOW = 0.3;         // its time constant [s]
 const LABELS = 3;
 const TURN = 0.12;          // a press of an arrow key [rad]
 export type View = "front" | "side" | "top";
@@ -45,6 +51,7 @@ export class Stage {
   private axes = false;
   private detectors = false;
   private dirty = true;
+  private followed = 0;
   private size = { width: 0, height: 0 };
   private readonly feet = new Vector3();
 
@@ -58,7 +65,7 @@ export class Stage {
     this.orbit.enablePan = false;
     this.orbit.minDistance = 1.5;
     this.orbit.maxDistance = 12;
-    this.orbit.addEventListener("change", () => { this.dirty = true; });
+    this.orbit.addEventListener("change", () => this.sayWhere());
     const light = new DirectionalLight(0xffffff, 2.2);
     light.position.set(3, 2, 5);
     this.scene.add(new AmbientLight(0xffffff, 1.1), light);
@@ -72,7 +79,7 @@ export class Stage {
     this.overlay.append(this.names.learner, this.names.expert);
     this.element = el("div", { class: "stage-canvas" }, this.canvas, this.overlay);
     new ResizeObserver(() => this.resize()).observe(this.element);
-    this.orbit.target.set(0, 0, 0.95);
+    this.orbit.target.set(0, 0, 0.9);
     this.view("front");
   }
 
@@ -179,12 +186,15 @@ export class Stage {
       label.hidden = i < 0;
       if (joint == undefined || i < 0) return;
       setText(label, texts.stage.label3d(
-        jointText(joint.joint), Math.round(degrees(joint.error)), Math.round(degrees(joint.tolerance))));
+        jointText(joint.joint), Math.round(degrees(joint.error)),
+        this.size.width < NARROW ? null : Math.round(degrees(joint.tolerance))));
       const at = this.project(this.learner!.placed.position[i]!);
       // Not over another one.
       while (taken.some((y) => Math.abs(y - at.y) < 34)) at.y += 34;
       taken.push(at.y);
       const right = at.x > this.size.width / 2;
+      const room = this.size.width - label.offsetWidth - 44;
+      at.x = right ? Math.min(at.x, room) : Math.max(at.x, label.offsetWidth + 44);
       label.dataset.right = String(right);
       label.style.transform = `translate(${at.x + (right ? 34 : -34)}px, ${at.y}px)`;
     });
@@ -230,8 +240,12 @@ export class Stage {
     const dx = centre.x - target.x;
     const dy = centre.y - target.y;
     const far = Math.hypot(dx, dy);
-    if (far < 0.3) return;
-    const share = far > 3 ? 1 : 0.04;
+    const now = performance.now() / 1000;
+    const passed = Math.min(now - this.followed, 1);
+    this.followed = now;
+    if (far < STILL) return;
+    // Who jumps, as a recording does that begins anew, is met at once.
+    const share = far > 2 ? 1 : (1 - STILL / far) * (1 - Math.exp(-passed / FOLLOW));
     target.x += dx * share;
     target.y += dy * share;
     this.camera.position.x += dx * share;
@@ -254,8 +268,10 @@ export class Stage {
   }
 
   private distance(): number {
-    const narrow = this.size.width > 0 ? Math.max(1, (this.apart ? 1.5 : 1) * this.size.height / this.size.width) : 1;
-    return 3.7 * narrow;
+    const { width, height } = this.size;
+    if (width === 0) return NEAR;
+    const narrow = Math.max(1, (this.apart ? 1.5 : 1) * height / width);
+    return Math.min(NEAR * narrow * height / Math.max(height - TOOLS, 160), 9);
   }
 
   // theta from +x around z, phi from +z, as seen from the target.
@@ -271,12 +287,28 @@ export class Stage {
       radius * Math.sin(phi) * Math.cos(place.theta), radius * Math.sin(phi) * Math.sin(place.theta),
       radius * Math.cos(phi)).add(this.orbit.target);
     this.orbit.update();
+    this.sayWhere();
+  }
+
+  // From where we look: for whoever can not see it, and for tests.
+  private sayWhere(): void {
+    const { phi, theta } = this.spherical();
+    this.canvas.dataset.azimuth = degrees(theta).toFixed(0);
+    this.canvas.dataset.elevation = (90 - degrees(phi)).toFixed(0);
     this.dirty = true;
   }
 
   private addFloor(): void {
-    const grid = new GridHelper(12, 24, 0x4a5665, 0x252d38);
-    grid.rotation.x = Math.PI / 2;
+    // Half metres, in short pieces: software renderers drop lines that reach behind the camera.
+    const corners: number[] = [];
+    for (let i = -FLOOR; i <= FLOOR; i++) {
+      for (let k = -FLOOR; k < FLOOR; k++) {
+        const [at, from, to] = [i / 2, k / 2, (k + 1) / 2];
+        corners.push(from, at, 0, to, at, 0, at, from, 0, at, to, 0);
+      }
+    }
+    const places = new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(corners), 3));
+    const grid = new LineSegments(places, new LineBasicMaterial({ color: 0x2b3541 }));
     const axes = new AxesHelper(0.5);
     axes.position.z = 0.002;
     this.scene.add(grid, axes);

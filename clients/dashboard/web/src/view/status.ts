@@ -7,7 +7,7 @@ import type { Repetitions } from "../model/repetitions";
 import { jointText, texts } from "../texts";
 
 const t = texts.session;
-const SHOWN = 12;
+const SHOWN = 8;
 
 function number(value: number, digits = 0): string {
   return Number.isFinite(value) ? value.toFixed(digits) : t.noScore;
@@ -19,7 +19,8 @@ export class Status {
   private readonly learner = el("p", { class: "who" });
   private readonly repetition = el("span", { class: "figure", id: "repetition" });
   private readonly score = el("span", { class: "figure score", id: "score" });
-  private readonly bars = el("ol", { class: "score-bars", "aria-label": t.scores });
+  /// The scores of the block's repetitions; they stand beside the timeline.
+  readonly bars = el("ol", { class: "score-bars", "aria-label": t.scores });
   private shownBars = "";
 
   constructor(private readonly repetitions: Repetitions) {
@@ -27,8 +28,7 @@ export class Status {
       this.phase, this.learner,
       el("div", { class: "figures-row" },
         el("p", {}, el("span", { class: "figure-name" }, t.repetition), this.repetition),
-        el("p", {}, el("span", { class: "figure-name" }, t.score), this.score, el("span", { class: "unit" }, t.scoreOf))),
-      this.bars);
+        el("p", {}, el("span", { class: "figure-name" }, t.score), this.score, el("span", { class: "unit" }, t.scoreOf))));
   }
 
   /// Whether the learner is being compared with the expert right now.
@@ -41,7 +41,8 @@ export class Status {
     const state = live.states.session_state;
     const words = this.words(live);
     setText(this.phase, words);
-    setData(this.phase, "running", String(this.running(live)));
+    const running = this.running(live);
+    setData(this.phase, "state", !running ? "off" : words === t.phase.lost ? "lost" : "running");
     if (state == undefined) return;
     setText(this.learner, `${t.learner}: ${state.learner || t.nobody}`);
     const planned = state.block_planned;

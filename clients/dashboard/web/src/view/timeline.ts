@@ -3,7 +3,7 @@ import type { Plan } from "../api";
 import { el, setData, setText } from "../dom";
 import type { Live } from "../live";
 import { readable, texts } from "../texts";
-import type { SessionState } from "../messages";
+import { ALIGNMENT_PHASES, type SessionState } from "../messages";
 
 const t = texts.timeline;
 const SLOW = 0.85;
@@ -30,11 +30,12 @@ export class Timeline {
   private readonly blocks = el("ol", { class: "blocks", "aria-label": t.plan });
   private shownBlocks = "";
 
-  constructor() {
+  /// @param scores  what stands beside it
+  constructor(scores: HTMLElement) {
     this.element = el("section", { class: "timeline card", "aria-label": t.heading },
       el("div", { class: "timeline-head" }, this.name, this.seconds,
         el("span", { class: "tempo" }, el("span", { class: "tempo-name" }, t.tempo), this.tempo, this.tempoWords)),
-      this.bar, this.blocks);
+      this.bar, this.blocks, scores);
   }
 
   frame(live: Live, following: boolean): void {
@@ -51,7 +52,8 @@ export class Timeline {
     this.cursor.style.left = this.filled.style.width = `${share.toFixed(2)}%`;
     const whole = share.toFixed(0);
     if (this.bar.getAttribute("aria-valuenow") !== whole) this.bar.setAttribute("aria-valuenow", whole);
-    const tempo = alignment?.tempo;
+    const moving = ALIGNMENT_PHASES[alignment?.phase ?? 0] === "moving";
+    const tempo = moving ? alignment?.tempo : undefined;
     setText(this.tempo, tempo == undefined ? "–" : t.times(tempo.toFixed(2)));
     setText(this.tempoWords, tempo == undefined ? "" : tempo < SLOW ? t.slower : tempo > FAST ? t.faster : t.asAsked);
     this.drawBlocks(state);
