@@ -34,8 +34,6 @@ export class Stage {
   readonly element: HTMLElement;
   readonly canvas = el("canvas", { tabindex: 0, role: "img", "aria-label": texts.stage.label });
   weights: ReadonlyMap<string, number> = new Map();
-  /// Frames drawn so far: for measuring.
-  drawn = 0;
 
   private readonly scene = new Scene();
   private readonly camera = new PerspectiveCamera(36, 1, 0.1, 60);
@@ -52,6 +50,7 @@ export class Stage {
   private detectors = false;
   private dirty = true;
   private followed = 0;
+  private drawn = 0;  // so many times: for measuring
   private size = { width: 0, height: 0 };
   private readonly feet = new Vector3();
 
@@ -136,7 +135,7 @@ export class Stage {
     if (this.apart && this.expert) this.setApart();
     if (!this.dirty || this.size.width === 0) return;
     this.dirty = false;
-    this.drawn++;
+    this.canvas.dataset.drawn = String(++this.drawn);
     this.renderer.render(this.scene, this.camera);
     this.label(judged ? correction : undefined);
   }
