@@ -12,8 +12,8 @@ export default defineConfig({
     viewport: { width: 1440, height: 900 },
     launchOptions: {
       executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-      // No graphics card is asked for: the software renderer draws.
-      args: ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+      // Without a graphics card the software renderer draws.
+      args: ["--no-sandbox", "--enable-unsafe-swiftshader"],
     },
   },
 });
