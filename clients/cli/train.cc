@@ -13,6 +13,7 @@
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
+#include "clients/cli/dashboard_options.h"
 #include "clients/cli/tactile_options.h"
 #include "clients/recorder/recorder_service.h"
 #include "clients/tactor_driver/tactor_service.h"
@@ -50,6 +51,7 @@ struct TrainOptions {
   TactileOptions tactile;
   std::string plan;
   std::filesystem::path recording;
+  PageOptions page;
   bool loop = false;
   double speed = 1.0;
 };
@@ -225,6 +227,25 @@ std::string block_words(const msg::SessionState& state) {
                      state.block_planned(), state.resting() ? " after a rest" : "");
 }
 
+/// The page of the session; none when nobody wants it, and none when its port is taken: the session
+/// is worth more.
+std::unique_ptr<dashboard::DashboardService> serve_page(
+    bus::Participant& participant, const TrainOptions& options, const Library& library,
+    std::shared_ptr<const coach::Reference> reference) {
+  std::unique_ptr<dashboard::DashboardService> page;
+  if (options.page.port == 0) return page;
+  const auto prepared =
+      options.page.prepare(options.bus.config.subject, library, {std::move(reference)});
+  try {
+    page = std::make_unique<dashboard::DashboardService>(participant, prepared);
+    fmt::print("Dashboard: {}\n", page_address(prepared, page->port()));
+    std::fflush(stdout);
+  } catch (const std::runtime_error& error) {
+    spdlog::warn("no page for this session: {}", error.what());
+  }
+  return page;
+}
+
 /// Waits until the coach says over the bus that a session runs.
 void wait_for_session(bus::Reader<msg::SessionState>& states, std::stop_token stop) {
   bus::WaitSet news;
@@ -299,6 +320,9 @@ void train(TrainOptions& options) {
   tactor_driver::TactorSummary tactor_summary;
   coach::CoachSummary coach_summary;
   server::CaptureCounts capture_counts;
+  const auto page = serve_page(participant, options, library, reference);
+  std::jthread page_thread;
+  if (page) page_thread = std::jthread([&page](std::stop_token stop) { page->run(stop); });
   std::jthread recorder_thread([&](std::stop_token stop) { recording = recorder.run(stop); });
   std::jthread tactor_thread([&](std::stop_token stop) { tactor_summary = tactors.run(stop); });
   std::jthread coach_thread([&](std::stop_token stop) { coach_summary = coach.run(stop); });
@@ -407,6 +431,7 @@ void add_train(CLI::App& app) {
       ->capture_default_str();
   command->add_flag("--loop", options->loop, "start the learner again at the end");
   add_plan_option(*command, options->plan);
+  add_page_options(*command, options->page, "--dashboard-port");
   add_source_options(*command, options->from);
   add_tactile_options(*command, options->tactile);
   add_bus_options(*command, options->bus);

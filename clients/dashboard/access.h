@@ -23,7 +23,7 @@ struct AccessRules {
 /// What a request says of itself; empty where it says nothing.
 struct Credentials {
   bool changes = false;  ///< a WebSocket, or a method other than GET and HEAD
-  std::string_view host, origin, authorization, cookie, query_token;
+  std::string_view host{}, origin{}, authorization{}, cookie{}, query_token{};
 };
 
 enum class Access : std::uint8_t { kGranted, kNoToken, kForeignHost, kForeignOrigin };

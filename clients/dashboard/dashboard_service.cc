@@ -8,6 +8,7 @@
 #include <fstream>
 #include <sstream>
 #include <stdexcept>
+#include <thread>
 
 #include "bus/health.h"
 #include "bus/raw.h"
@@ -15,6 +16,7 @@
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/dashboard/foxglove_server.h"
+#include "clients/dashboard/live_scene.h"
 #include "clients/dashboard/orders.h"
 
 namespace secondskin::dashboard {
@@ -26,10 +28,8 @@ namespace {
 
 constexpr auto kHealthPeriod = 250ms;
 
-// Places of the channels that follow those of bus::kTopics.
-constexpr std::size_t kExpert = bus::kTopics.size();
-constexpr std::size_t kTransforms = kExpert + 1;
-constexpr std::size_t kScene = kExpert + 2;
+// The channels that follow those of bus::kTopics, in the order of Drawn.
+std::size_t place_of(Drawn drawn) { return bus::kTopics.size() + static_cast<std::size_t>(drawn); }
 
 template <class Message>
 constexpr std::size_t place_of() {
@@ -99,21 +99,30 @@ std::string time_key(std::int64_t time_ns) { return fmt::format("{:020}", time_n
 struct DashboardService::State {
   State(bus::Participant& participant, DashboardOptions given)
       : options(std::move(given)),
-        raw(participant.config()),
-        commands(participant),
-        stops(participant),
-        health(participant, "dashboard"),
         session_topic(topic_of(participant.config().subject, "session")),
         server(
             channels(participant.config().subject, options),
             {session_topic, topic_of(participant.config().subject, "stop")},
             [this](const auto& channel, auto payload) { return publish(channel, payload); },
-            options.web, options.handlers) {
+            options.web, options.handlers),
+        raw(participant.config()),
+        commands(participant),
+        stops(participant),
+        health(participant, "dashboard"),
+        scene({.subject = participant.config().subject,
+               .reference = options.reference,
+               .wanted = [this](Drawn drawn) { return server.wanted(place_of(drawn)); },
+               .publish =
+                   [this](Drawn drawn, std::int64_t time_ns, std::vector<std::uint8_t> bytes) {
+                     server.publish(place_of(drawn), time_ns, std::move(bytes));
+                   }}) {
     for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
       readers.push_back(std::make_unique<bus::RawReader>(raw, t));
       news.attach(*readers.back());
     }
   }
+
+  ~State() { server.stop(); }  // its thread uses the writers
 
   // ---- from clients, on the sockets' thread
 
@@ -138,6 +147,7 @@ struct DashboardService::State {
       while (readers[t]->take(message)) {
         const std::int64_t source_ns = message.source_ns;
         std::string key = key_of(t);
+        scene.take(t, source_ns, message.bytes);
         server.publish(t, source_ns, std::move(message.bytes), std::move(key));
         if (t == place_of<msg::RepetitionScore>()) forget_former_sessions();
         health.sample(static_cast<double>(bus::now_ns() - source_ns) * 1e-9);
@@ -179,14 +189,15 @@ struct DashboardService::State {
   }
 
   DashboardOptions options;
-  bus::Participant raw;  // one participant reads a topic either raw or typed
+  std::string session_topic;
+  FoxgloveServer server;  // first, so that a port in use costs nothing
+  bus::Participant raw;   // one participant reads a topic either raw or typed
   bus::Writer<msg::SessionCommand> commands;
   bus::Writer<msg::EmergencyStop> stops;
   bus::HealthReporter health;
-  std::string session_topic;
   std::vector<std::unique_ptr<bus::RawReader>> readers;
   bus::WaitSet news;
-  FoxgloveServer server;  // ends before the writers that its thread uses
+  LiveScene scene;
   bus::RawMessage message;
   msg::ServiceHealth service;
   msg::RepetitionScore repetition;
@@ -206,12 +217,15 @@ DashboardCounts DashboardService::run(std::stop_token stop) {
   auto& s = *state_;
   const std::stop_callback wake(stop, [&s] { s.news.wake(); });
   s.server.start();
+  std::jthread scene([&s](std::stop_token over) { s.scene.run(over); });
   s.health.state(msg::SERVICE_RUNNING);
   while (!stop.stop_requested()) {
     s.news.wait(kHealthPeriod);
     s.forward_all();
     s.report();
   }
+  scene.request_stop();
+  scene.join();
   s.server.stop();
   s.health.state(msg::SERVICE_ENDED);
   s.counts.web = s.server.counts();

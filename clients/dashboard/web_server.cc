@@ -37,9 +37,8 @@ struct WebServer::State final : HttpHost {
     if (!error) acceptor.bind(where, error);
     if (!error) acceptor.listen(asio::socket_base::max_listen_connections, error);
     if (error) {
-      throw std::runtime_error(
-          fmt::format("dashboard: port {} on {}: {}; choose another with --port", options.port,
-                      options.bind, error.message()));
+      throw std::runtime_error(fmt::format("dashboard: port {} on {}: {}; choose another",
+                                           options.port, options.bind, error.message()));
     }
     port = acceptor.local_endpoint().port();
   }
