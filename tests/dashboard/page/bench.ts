@@ -3,10 +3,11 @@
 import { spawn, type ChildProcess } from "node:child_process";
 import { mkdtempSync, openSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
-import { join, resolve } from "node:path";
+import { join } from "node:path";
+import { fileURLToPath } from "node:url";
 import { test as base, expect, type Page } from "@playwright/test";
 
-const root = resolve(import.meta.dirname ?? ".", "../../..");
+const root = fileURLToPath(new URL("../../../", import.meta.url));
 const program = process.env.SECONDSKIN_PROGRAM ?? join(root, "build/release/bin/secondskin");
 export type Part = "board" | "tactors" | "coach" | "capture" | "dashboard";
 

@@ -1,6 +1,6 @@
 import { expect, test } from "./bench";
 
-test("stop from a second page turns the board off, and both pages say so", async ({ page, context, bench, errors }, info) => {
+test("stop from a second page turns the board off, and both pages say so", async ({ page, context, bench, errors }) => {
   await bench.all();
   await bench.open(page);
   const second = await context.newPage();
@@ -12,10 +12,8 @@ test("stop from a second page turns the board off, and both pages say so", async
   // Pressed at a moment when something is on, so that there is something to turn off.
   await second.bringToFront();
   await expect.poll(() => bench.boardSlots(), { intervals: [5] }).toBeGreaterThan(0);
-  const pressed = await second.evaluate(() => {
-    document.getElementById("stop")!.click();
-    return 0;
-  }).then(() => process.hrtime.bigint());
+  const pressed = process.hrtime.bigint();
+  await second.evaluate(() => document.getElementById("stop")!.click());
   for (const one of [page, second]) await expect(one.locator("#stop")).toHaveText("Vibration is OFF");
   await expect.poll(() => bench.boardSlots()).toBe(0);
 
@@ -27,11 +25,12 @@ test("stop from a second page turns the board off, and both pages say so", async
   const score = await page.locator(".score-bars button").count();
   await expect.poll(() => page.locator(".score-bars button").count()).toBeGreaterThan(score);
   expect(bench.boardRows().slice(rows).every(({ slots }) => slots === 0)).toBe(true);
-  const off = bench.boardRows().findLast(({ slots }) => slots > 0);
-  const last = bench.boardRows().find(({ at, slots }) => slots === 0 && at >= (off?.at ?? 0n))!.at;
-  const took = Number(last - pressed) / 1e6;
-  info.annotations.push({ type: "after the click's answer [ms]", description: took.toFixed(1) });
-  console.log(`board off ${took.toFixed(1)} ms after the click had returned`);
+  // How long it took, from before the click was sent to the browser. A figure, no bound: this machine
+  // draws three dimensions on the processor meanwhile.
+  const all = bench.boardRows();
+  const off = all[all.findLastIndex(({ slots }) => slots > 0) + 1]!;
+  const took = Number(off.at - pressed) / 1e6;
+  console.log(took > 0 ? `board off ${took.toFixed(1)} ms after the click` : "the board was off when the click came");
 
   // Lifting from the first page asks once more.
   await page.locator("#lift").click();

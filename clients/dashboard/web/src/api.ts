@@ -16,21 +16,30 @@ export interface SessionRow {
 }
 export interface Details extends SessionRow {
   blocks: {
-    index: number; name: string; tempo: number; schedule: string;
+    index: number; name: string; tempo: number | null; schedule: string;
     repetitions: {
       number: number; total: number; cues: number;
-      joints: { name: string; measured: boolean; rms_deg: number; in_band: number }[];
+      joints: { name: string; measured: boolean; rms_deg: number | null; in_band: number | null }[];
     }[];
   }[];
   exposure: { channel: number; segment: string; dose: number; duty: number; heat: number }[];
 }
 export interface ProgressPoint {
-  session: string | number; start: string; block: string | number; schedule: string; tempo: number; cued: boolean;
+  session: string | number; start: string; block: string | number; schedule: string; tempo: number;
+  cued: boolean | null;  // null: some repetitions were
   mean_total: number | null; repetitions: number; joints: Record<string, number>;
+}
+export interface Block { session: string | number; start: string; name: string; mean_total: number; repetitions: number }
+export interface Retention {
+  kind: "after_cues" | "across_days";
+  practice: Block;
+  retention: Block;
+  pause: number;   // [s]
+  change: number;
 }
 export interface Progress {
   points: ProgressPoint[];
-  retention: unknown[];
+  retention: Retention[];
   schedules: { schedule: string; sessions: number; first: number | null; last: number | null; retention: number | null }[];
 }
 

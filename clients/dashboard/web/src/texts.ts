@@ -163,6 +163,10 @@ export const texts = {
     progress: "Progress",
     progressNone: "No repetitions of this exercise yet.",
     retention: "What stayed after a pause without cues",
+    retentionTable: { when: "When", kind: "What", pause: "After", practice: "Before", retention: "Later", change: "Change" },
+    retentionKind: { after_cues: "the same day, without cues", across_days: "another day, first block" },
+    pause: (s: number) => (s < 120 ? `${Math.round(s)} s` : s < 7200 ? `${Math.round(s / 60)} min`
+      : s < 172800 ? `${Math.round(s / 3600)} h` : `${Math.round(s / 86400)} days`),
     schedules: "Schedules compared",
     scheduleTable: { schedule: "Schedule", sessions: "Sessions", first: "First", last: "Last", retention: "Kept" },
     sessions: "Sessions",

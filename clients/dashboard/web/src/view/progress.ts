@@ -1,17 +1,15 @@
 // Progress over weeks, what stayed, schedules compared.
-import type { Progress, ProgressPoint } from "../api";
+import type { Progress, ProgressPoint, Retention } from "../api";
 import { el, table } from "../dom";
-import { readable, texts } from "../texts";
+import { texts } from "../texts";
 import { Plot } from "./plot";
 import { scheduleText } from "./timeline";
 
 const t = texts.history;
 
-function shown(value: unknown): string {
-  if (typeof value === "number") return Number.isInteger(value) ? String(value) : value.toFixed(1);
-  if (typeof value === "string" && /^\d{4}-\d\d-\d\dT/.test(value)) return new Date(value).toLocaleDateString("en-GB", { dateStyle: "medium" });
-  return value == null ? "–" : String(value);
-}
+function shown(value: number | null): string { return value == null ? "–" : value.toFixed(1); }
+
+function day(iso: string): string { return new Date(iso).toLocaleDateString("en-GB", { dateStyle: "medium" }); }
 
 /// One point a block; with and without cues are two lines.
 export function progressPlot(points: ProgressPoint[], joint: string): HTMLElement {
@@ -25,8 +23,8 @@ export function progressPlot(points: ProgressPoint[], joint: string): HTMLElemen
     // Blocks of one second stand side by side.
     const at = Date.parse(point.start) / 1000;
     time.push(time.length > 0 && at <= time.at(-1)! ? time.at(-1)! + 1 : at);
-    cued.push(point.cued ? value : null);
-    alone.push(point.cued ? null : value);
+    cued.push(point.cued === false ? null : value);
+    alone.push(point.cued === false ? value : null);
   }
   const plot = new Plot(t.progress, [{ label: t.cued, points: true }, { label: t.alone, points: true, dashed: true }], {
     unit: joint === "" ? t.total : texts.signals.degrees, time: "clock", height: 280, ...(joint === "" && { range: [0, 100] as [number, number] }),
@@ -40,13 +38,14 @@ function bridged(values: (number | null)[]): (number | null)[] {
   return values.map((value) => value ?? (undefined as unknown as null));
 }
 
-/// Whatever fields the history gives, one row each.
-export function retentionPart(rows: unknown[]): HTMLElement | null {
-  const objects = rows.filter((row): row is Record<string, unknown> => row != null && typeof row === "object");
-  if (objects.length === 0) return null;
-  const fields = Object.keys(objects[0]!).filter((field) => typeof objects[0]![field] !== "object" || objects[0]![field] == null);
+/// Each block alone beside the practice before it.
+export function retentionPart(rows: Retention[]): HTMLElement | null {
+  if (rows.length === 0) return null;
+  const r = t.retentionTable;
   return el("div", {}, el("h3", {}, t.retention),
-    table(t.retention, fields.map(readable), objects.map((row) => fields.map((field) => shown(row[field])))));
+    table(t.retention, [r.when, r.kind, r.pause, r.practice, r.retention, r.change],
+      rows.map(({ kind, practice, retention, pause, change }) => [day(retention.start), t.retentionKind[kind], t.pause(pause),
+        shown(practice.mean_total), shown(retention.mean_total), `${change > 0 ? "+" : ""}${shown(change)}`]), [2, 3, 4, 5]));
 }
 
 export function schedulePart(rows: Progress["schedules"]): HTMLElement | null {

@@ -7,8 +7,10 @@ import { scheduleText } from "./timeline";
 
 const t = texts.history;
 
-function worstOf(joints: { name: string; measured: boolean; rms_deg: number; in_band: number }[]): string {
-  const worst = joints.filter(({ measured, in_band }) => measured && in_band < 0.9)
+type Joints = Details["blocks"][number]["repetitions"][number]["joints"];
+
+function worstOf(joints: Joints): string {
+  const worst = joints.flatMap(({ name, rms_deg, in_band }) => (rms_deg == null || in_band == null || in_band >= 0.9 ? [] : [{ name, rms_deg, in_band }]))
     .sort((a, b) => a.in_band - b.in_band).slice(0, 3);
   return worst.length === 0 ? t.noneWorst
     : worst.map(({ name, rms_deg }) => `${jointText(name)} ${rms_deg.toFixed(0)}°`).join(", ");
@@ -18,7 +20,7 @@ export function sessionDetail(session: Details): void {
   const b = t.blockTable;
   const e = t.exposureTable;
   const blocks = session.blocks.map((block) => el("section", {},
-    el("h3", {}, `${readable(block.name || t.practice)}: ${texts.timeline.blockDetail(String(block.tempo), scheduleText(block.schedule))}`),
+    el("h3", {}, `${readable(block.name || t.practice)}: ${texts.timeline.blockDetail(block.tempo == null ? "?" : String(block.tempo), scheduleText(block.schedule))}`),
     table(block.name, [b.number, b.total, b.cues, b.worst],
       block.repetitions.map((one) => [String(one.number), one.total.toFixed(0), String(one.cues), worstOf(one.joints)]), [1, 2])));
   const exposure = session.exposure.length === 0 ? null : el("section", {}, el("h3", {}, t.exposure),
