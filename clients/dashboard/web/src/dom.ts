@@ -54,6 +54,22 @@ export function table(caption: string, head: string[], rows: (string | Node)[][]
         i === 0 ? el("th", { scope: "row" }, cell) : el("td", { class: kind(i) }, cell)))))));
 }
 
+/// Opens a dialog over the view. Only the view behind it rests: STOP stays in reach. Closing removes it;
+/// Esc closes, and stops (main.ts).
+export function openDialog(dialog: HTMLDialogElement): void {
+  const main = document.querySelector("main");
+  const before = document.activeElement as HTMLElement | null;
+  if (main) main.inert = true;
+  dialog.addEventListener("keydown", (event) => { if (event.key === "Escape") dialog.close(); });
+  dialog.addEventListener("close", () => {
+    dialog.remove();
+    if (main) main.inert = document.querySelector("dialog[open]") != null;
+    before?.focus();
+  });
+  document.body.append(dialog);
+  dialog.show();
+}
+
 /// Asks, in the middle of the page. `safe` has the focus and is what closing means.
 export function ask(options: {
   title: string; body: string; yes: string; no: string; danger?: boolean; typed?: string;
@@ -69,12 +85,8 @@ export function ask(options: {
       yes.disabled = true;
       typed.addEventListener("input", () => { yes.disabled = typed.value.trim() !== options.typed; });
     }
-    dialog.addEventListener("close", () => {
-      resolve(dialog.returnValue === "yes");
-      dialog.remove();
-    });
-    document.body.append(dialog);
-    dialog.showModal();
+    dialog.addEventListener("close", () => resolve(dialog.returnValue === "yes"));
+    openDialog(dialog);
   });
 }
 

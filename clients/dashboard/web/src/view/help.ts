@@ -1,5 +1,5 @@
 // Keys, colours, safety.
-import { el } from "../dom";
+import { el, openDialog } from "../dom";
 import { texts } from "../texts";
 
 const t = texts.helpDialog;
@@ -22,7 +22,5 @@ export function showHelp(): void {
     el("h3", {}, t.colours), el("p", {}, t.coloursBody),
     el("h3", {}, t.safety), el("p", {}, t.safetyBody),
     el("form", { method: "dialog", class: "row" }, el("button", { class: "primary big", autofocus: true }, texts.close)));
-  dialog.addEventListener("close", () => dialog.remove());
-  document.body.append(dialog);
-  dialog.showModal();
+  openDialog(dialog);
 }

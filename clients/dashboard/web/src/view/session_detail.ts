@@ -1,6 +1,6 @@
 // One session: its blocks, repetitions and what the skin bore.
 import type { Details } from "../api";
-import { el, table } from "../dom";
+import { el, openDialog, table } from "../dom";
 import { jointText, readable, segmentText, texts } from "../texts";
 import { day } from "./history";
 import { scheduleText } from "./timeline";
@@ -31,7 +31,5 @@ export function sessionDetail(session: Details): void {
     el("h2", { id: "detail-title" }, `${t.details(day(session.start))}: ${readable(session.reference)}`),
     ...blocks, exposure,
     el("form", { method: "dialog", class: "row" }, el("button", { class: "primary big", autofocus: true }, texts.close)));
-  dialog.addEventListener("close", () => dialog.remove());
-  document.body.append(dialog);
-  dialog.showModal();
+  openDialog(dialog);
 }

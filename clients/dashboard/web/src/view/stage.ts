@@ -62,7 +62,7 @@ export class Stage {
   private followed = 0;
   private drawn = 0;  // so many times: for measuring
   private size = { width: 0, height: 0 };
-  private readonly feet = new Vector3();
+  private readonly above = new Vector3();
 
   /// Throws when the browser has no WebGL.
   constructor() {
@@ -214,9 +214,11 @@ export class Stage {
   private nameFigure(tag: HTMLElement, figure: Figure | null, shown: boolean): void {
     tag.hidden = !this.apart || !shown || figure == null || !figure.group.visible;
     if (tag.hidden) return;
-    this.feet.copy(figure!.placed.position[0]!).add(figure!.group.position);
-    this.feet.z = -0.12;
-    const at = this.project(this.feet);
+    // Over the head, which is the highest joint of a standing body.
+    const { position } = figure!.placed;
+    this.above.copy(position[0]!).add(figure!.group.position);
+    this.above.z = Math.max(...position.map(({ z }) => z)) + 0.3;
+    const at = this.project(this.above);
     tag.style.transform = `translate(${at.x}px, ${at.y}px)`;
   }
 

@@ -1,5 +1,5 @@
 // What a therapist reads from three metres: what happens now, which repetition, which score.
-import { el, say, setData, setText, table } from "../dom";
+import { el, openDialog, say, setData, setText, table } from "../dom";
 import type { Live } from "../live";
 import { ALIGNMENT_PHASES, SESSION_PHASES, type RepetitionScore } from "../messages";
 import { degrees } from "../model/error";
@@ -100,8 +100,6 @@ export class Status {
       el("h2", { id: "score-title" }, `${t.scoreTitle(score.repetition)}: ${number(score.total)} ${t.scoreOf}`),
       table(t.scoreTitle(score.repetition), [s.joint, s.rms, s.peak, s.inBand, s.timing, s.range], rows, [1, 2, 3, 4, 5]),
       el("form", { method: "dialog", class: "row" }, el("button", { class: "primary big" }, texts.close)));
-    dialog.addEventListener("close", () => dialog.remove());
-    document.body.append(dialog);
-    dialog.showModal();
+    openDialog(dialog);
   }
 }
