@@ -54,7 +54,7 @@ export const texts = {
       resting: "Rest until the next block",
     },
     repetition: "Repetition",
-    of: (done: number, planned: number) => (planned > 0 ? `${done} of ${planned}` : `${done}`),
+    of: (planned: number) => `of ${planned}`,
     score: "Last score",
     scoreOf: "of 100",
     noScore: "–",

@@ -10,7 +10,7 @@ const t = texts.controls;
 const NEW = "\u0000new";
 const NO_PLAN = "none";
 
-interface Stepper { element: HTMLElement; value: number; set(value: number): void }
+interface Stepper { element: HTMLElement; value: number; touched: boolean; set(value: number): void }
 
 function stepper(name: string, id: string, values: number[], text: (v: number) => string, changed: () => void): Stepper {
   const shown = el("output", { id, "aria-live": "polite" });
@@ -22,6 +22,7 @@ function stepper(name: string, id: string, values: number[], text: (v: number) =
     const to = by > 0 ? larger : smaller;
     if (to < 0) return;
     set(values[to]!);
+    stepper.touched = true;
     changed();
   };
   const less = el("button", { type: "button", "aria-label": `${name}: ${t.less}`, onclick: () => move(-1) }, "−");
@@ -31,12 +32,14 @@ function stepper(name: string, id: string, values: number[], text: (v: number) =
     setText(shown, text(to));
   };
   set(value);
-  return {
+  const stepper: Stepper = {
     element: el("div", { class: "field", role: "group", "aria-label": name },
       el("span", { class: "field-name" }, name), el("span", { class: "stepper" }, less, shown, more)),
     get value() { return value; },
+    touched: false,
     set,
   };
+  return stepper;
 }
 
 export class Controls {
@@ -108,11 +111,13 @@ export class Controls {
   private start(): void {
     const sent = this.connection.session({
       action: "start", reference: this.reference.value, plan: this.plan.value,
-      tolerance_scale: this.tolerance.value, max_cues: this.cues.value,
+      // What the user left alone stays as the coach has it; what is shown may be a block's own.
+      ...(this.tolerance.touched && { tolerance_scale: this.tolerance.value }),
+      ...(this.cues.touched && { max_cues: this.cues.value }),
       ...(this.learner.value !== "" && { learner: this.learner.value }),
     });
     if (!sent) return;
-    this.touched = false;
+    this.touched = this.tolerance.touched = this.cues.touched = false;
     setText(this.hint, "");
   }
 
@@ -156,11 +161,8 @@ export class Controls {
     this.choose(this.reference, state.reference);
     this.choose(this.plan, state.plan || NO_PLAN);
     if (state.learner !== "") this.choose(this.learner, state.learner);
-    // A block may have its own; the ones of the first start count where there is no plan.
-    if (state.plan === "" || state.plan === NO_PLAN) {
-      if (state.tolerance_scale > 0) this.tolerance.set(Math.round(state.tolerance_scale * 100) / 100);
-      if (state.max_cues > 0) this.cues.set(state.max_cues);
-    }
+    if (state.tolerance_scale > 0) this.tolerance.set(Math.round(state.tolerance_scale * 100) / 100);
+    if (state.max_cues > 0) this.cues.set(state.max_cues);
   }
 
   private choose(select: HTMLSelectElement, value: string): void {

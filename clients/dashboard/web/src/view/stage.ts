@@ -219,7 +219,7 @@ export class Stage {
     this.above.copy(position[0]!).add(figure!.group.position);
     this.above.z = Math.max(...position.map(({ z }) => z)) + 0.3;
     const at = this.project(this.above);
-    tag.style.transform = `translate(${at.x}px, ${at.y}px)`;
+    tag.style.transform = `translate(${at.x}px, ${Math.max(at.y, TOOLS * 0.66)}px)`;
   }
 
   private project(point: Vector3): { x: number; y: number } {

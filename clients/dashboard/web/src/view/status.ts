@@ -18,6 +18,7 @@ export class Status {
   private readonly phase = el("p", { class: "phase" });
   private readonly learner = el("p", { class: "who" });
   private readonly repetition = el("span", { class: "figure", id: "repetition" });
+  private readonly planned = el("span", { class: "unit" });
   private readonly score = el("span", { class: "figure score", id: "score" });
   /// The scores of the block's repetitions; they stand beside the timeline.
   readonly bars = el("ol", { class: "score-bars", "aria-label": t.scores });
@@ -27,7 +28,7 @@ export class Status {
     this.element = el("section", { class: "card status", "aria-label": t.heading },
       this.phase, this.learner,
       el("div", { class: "figures-row" },
-        el("p", {}, el("span", { class: "figure-name" }, t.repetition), this.repetition),
+        el("p", {}, el("span", { class: "figure-name" }, t.repetition), this.repetition, this.planned),
         el("p", {}, el("span", { class: "figure-name" }, t.score), this.score, el("span", { class: "unit" }, t.scoreOf))));
   }
 
@@ -46,7 +47,8 @@ export class Status {
     if (state == undefined) return;
     setText(this.learner, `${t.learner}: ${state.learner || t.nobody}`);
     const planned = state.block_planned;
-    setText(this.repetition, t.of(planned > 0 ? state.block_repetitions : state.repetitions, planned));
+    setText(this.repetition, String(planned > 0 ? state.block_repetitions : state.repetitions));
+    setText(this.planned, planned > 0 ? t.of(planned) : "");
     const block = this.repetitions.ofBlock(state);
     const all = this.repetitions.ofSession(state);
     setText(this.score, all.length > 0 ? number(all.at(-1)!.total) : t.noScore);

@@ -82,6 +82,7 @@ export class Timeline {
         el("span", { class: "block-detail" }, block
           ? t.blockDetail(String(block.tempo ?? 1), scheduleText(block.schedule)) : now ? t.times(state.block_tempo.toFixed(2)) : ""),
         el("span", { class: "visually-hidden" }, t[when]));
+      item.title = item.innerText;
       item.style.flexGrow = String(Math.max(planned, 2));
       item.querySelector<HTMLElement>(".block-fill")!.style.width = `${planned > 0 ? Math.min(100, (done / planned) * 100) : 0}%`;
       return item;
