@@ -211,6 +211,8 @@ export const texts = {
     rawHint: "For aligning a mask: cover and uncover it; each detector's value should run evenly through its range. 0 is nothing received.",
     rawNone: "No projector values: only an optical capture has them.",
     projector: "Projector",
+    detectors: "Detectors", allDetectors: "All detectors", value: "value",
+    someDetectors: (from: number, to: number) => `Detectors ${from} to ${to}`,
     detector: (n: number) => `detector ${n}`,
     none: "No data yet",
     hold: "Hold plots", run: "Let plots run",

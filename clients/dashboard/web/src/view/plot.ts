@@ -7,6 +7,7 @@ const INK = "#b6c2cf";
 const GRID = { stroke: "#2a333f", width: 1 };
 const FONT = "14px system-ui, sans-serif";
 export const LINES = ["#56b4e9", "#e69f00", "#3fbf93", "#cc79a7", "#f0e442", "#e8662a", "#7aa8ff", "#c9d1d9"];
+const MOST_NAMED = 8;
 const DASHES = [[], [8, 5], [2, 4], [10, 4, 2, 4]];
 
 export interface Line { label: string; dashed?: boolean; band?: boolean; points?: boolean; colour?: string }
@@ -43,7 +44,7 @@ export class Plot {
     const axis = { stroke: INK, grid: GRID, ticks: GRID, font: FONT };
     return {
       cursor: { y: false },
-      legend: { live: false },
+      legend: { show: this.lines.length <= MOST_NAMED, live: false },
       scales: { x: { time: time === "clock" }, y: { range: range ?? ((_plot, _low, high): [number, number] => [0, Math.max(1, high * 1.1)]) } },
       axes: [axis, { ...axis, label: unit, labelFont: FONT, size: 58 }],
       series: [
@@ -51,7 +52,7 @@ export class Plot {
         ...this.lines.map((line, i): uPlot.Series => ({
           label: line.label,
           stroke: line.colour ?? LINES[i % LINES.length]!,
-          width: line.band ? 1.5 : 2.5,
+          width: line.band || this.lines.length > MOST_NAMED ? 1.5 : 2.5,
           dash: line.dashed ? [8, 6] : DASHES[Math.floor(i / LINES.length) % DASHES.length]!,
           spanGaps: false,
           ...(line.band && { fill: "#56b4e922" }),

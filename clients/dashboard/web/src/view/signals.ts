@@ -13,6 +13,7 @@ const SPAN = 30;           // of the plots [s]
 const DRAW = 0.2;          // plots are redrawn so often [s]
 const SILENT = 3;          // a service says something once a second
 const PLOTS = 4;
+const GROUP = 8;           // detectors with a name each
 const FIRST = ["left_shoulder", "right_shoulder", "left_elbow", "right_elbow"];
 
 function ms(value: number): string { return Number.isFinite(value) ? (value * 1000).toFixed(1) : "–"; }
@@ -28,9 +29,10 @@ export class SignalsView {
   private readonly latencyPlot = new Plot(t.latency, [{ label: t.latencyLine }], { unit: t.latencyUnit });
   private readonly joints: JointPlot[];
   private readonly projector = el("select", { "aria-label": t.projector });
+  private readonly detector = el("select", { "aria-label": t.detectors });
   private readonly rawRoom = el("div", {}, el("p", { class: "muted" }, t.rawNone));
   private readonly hold = el("button", { type: "button", "aria-pressed": "false" }, t.hold);
-  private raw: { series: Series; plot: Plot; key: string } | null = null;
+  private raw: { series: Series; plot: Plot; key: string; detectors: number[] } | null = null;
   private start: bigint | null = null;
   private drawn = 0;
   private listed = 0;
@@ -43,6 +45,7 @@ export class SignalsView {
       this.hold.setAttribute("aria-pressed", String(this.held));
     });
     this.projector.addEventListener("change", () => this.raw?.series.clear());
+    this.detector.addEventListener("change", () => { if (this.raw) this.raw.key = ""; });
     const section = (heading: string, ...children: (Node | null)[]): HTMLElement =>
       el("section", { class: "card" }, el("h2", {}, heading), ...children);
     this.element = el("div", { class: "signals" },
@@ -96,7 +99,7 @@ export class SignalsView {
       const key = `${raw.detectors}x${raw.projectors}`;
       if (this.raw?.key !== key) this.makeRaw(raw.detectors, raw.projectors, key);
       const projector = Number(this.projector.value);
-      this.raw!.series.push(this.time(raw.header.stamp_ns), Array.from({ length: raw.detectors }, (_, d) => {
+      this.raw!.series.push(this.time(raw.header.stamp_ns), this.raw!.detectors.map((d) => {
         const value = raw.values[d * raw.projectors + projector] ?? 0;
         return value === 0 ? null : value;
       }));
@@ -109,12 +112,22 @@ export class SignalsView {
     return Number(stamp - this.start) / 1e9;
   }
 
-  private makeRaw(detectors: number, projectors: number, key: string): void {
-    const names = Array.from({ length: detectors }, (_, d) => t.detector(d));
-    const plot = new Plot(t.raw, names.map((label) => ({ label })), { unit: "", range: [0, 256], height: 320 });
-    this.raw = { series: new Series(names, SPAN), plot, key };
-    this.projector.replaceChildren(...Array.from({ length: projectors }, (_, p) => el("option", { value: p }, `${t.projector} ${p}`)));
-    this.rawRoom.replaceChildren(this.projector, plot.element);
+  // A suit has a hundred detectors: all at once as thin lines, or eight by name.
+  private makeRaw(count: number, projectors: number, key: string): void {
+    const options = (select: HTMLSelectElement, texts: string[]): void => {
+      if (select.options.length === texts.length) return;
+      select.replaceChildren(...texts.map((text, value) => el("option", { value }, text)));
+    };
+    options(this.projector, Array.from({ length: projectors }, (_, p) => `${t.projector} ${p}`));
+    const groups = Math.ceil(count / GROUP);
+    options(this.detector, [t.allDetectors, ...Array.from({ length: groups }, (_, g) =>
+      t.someDetectors(g * GROUP, Math.min(count, (g + 1) * GROUP) - 1))]);
+    const group = Number(this.detector.value) - 1;
+    const detectors = Array.from({ length: count }, (_, d) => d).filter((d) => group < 0 || Math.floor(d / GROUP) === group);
+    const names = detectors.map(t.detector);
+    const plot = new Plot(t.raw, names.map((label) => ({ label })), { unit: t.value, range: [0, 256], height: 320 });
+    this.raw = { series: new Series(names, SPAN, 2000), plot, key, detectors };
+    this.rawRoom.replaceChildren(el("div", { class: "row" }, this.projector, this.detector), plot.element);
   }
 
   private jointPlot(joint: string): JointPlot {
