@@ -52,7 +52,9 @@ function(secondskin_test name)
   endif()
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
     TEST_LIST ${name}_TESTS
-    PROPERTIES TIMEOUT ${arg_TIMEOUT} ${serial})
+    PROPERTIES TIMEOUT ${arg_TIMEOUT} ${serial}
+    # The user's own files are not a test's.
+    ENVIRONMENT XDG_DATA_HOME=${PROJECT_BINARY_DIR}/tests/own_files)
   # gtest_discover_tests splits a list of labels; so they are set once the tests are known.
   set(labels_file ${CMAKE_CURRENT_BINARY_DIR}/${name}_labels.cmake)
   file(WRITE ${labels_file}

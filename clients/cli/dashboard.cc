@@ -20,8 +20,10 @@ void add_dashboard(CLI::App& app) {
   add_bus_options(*command, options->bus);
   command->callback([options] {
     StopOnSignal signals;
-    const auto prepared = options->page.prepare(options->bus.config.subject, Library());
+    const Library library;
+    const auto prepared = options->page.prepare(options->bus.config.subject, library);
     bus::Participant participant(options->bus.configuration("secondskin_dashboard"));
+    const SessionHistory history(participant, options->page, library);
     dashboard::DashboardService service(participant, prepared);
     fmt::print("dashboard: {}\n", page_address(prepared, service.port()));
     std::fflush(stdout);

@@ -12,6 +12,7 @@
 
 #include "clients/dashboard/library_api.h"
 #include "clients/dashboard/static_files.h"
+#include "clients/history/history_api.h"
 
 namespace secondskin::cli {
 namespace {
@@ -49,6 +50,12 @@ std::vector<coach::SessionPlan> all_plans(const Library& library) {
     }
   }
   return plans;
+}
+
+/// Where sessions are booked; empty: nowhere.
+std::filesystem::path database(const PageOptions& options, const Library& library) {
+  if (options.history == PageOptions::kNoHistory) return {};
+  return options.history.empty() ? library.own_history() : options.history;
 }
 
 /// By name only: who asks over the network must not make us read any file.
@@ -96,10 +103,29 @@ dashboard::DashboardOptions PageOptions::prepare(
        .version = SECONDSKIN_VERSION,
        .page_version = [files =
                             dashboard::StaticFiles(options.web.page)] { return files.version(); },
-       .history = false,
+       .history = !database(*this, library).empty(),
        .plans = [library] { return all_plans(library); },
        .reference = options.reference}));
+  if (const auto file = database(*this, library); !file.empty()) {
+    options.handlers.push_back(history::history_api(file));
+  }
   return options;
+}
+
+SessionHistory::SessionHistory(bus::Participant& participant, const PageOptions& options,
+                               const Library& library) {
+  const auto file = database(options, library);
+  if (file.empty()) return;
+  service_ = std::make_unique<history::HistoryService>(participant, file);
+  thread_ = std::jthread([this](std::stop_token stop) { service_->run(stop); });
+}
+
+SessionHistory::~SessionHistory() = default;
+
+void SessionHistory::end() {
+  if (!thread_.joinable()) return;
+  thread_.request_stop();
+  thread_.join();
 }
 
 void add_page_options(CLI::App& command, PageOptions& options, const std::string& port_option) {
@@ -119,6 +145,9 @@ void add_page_options(CLI::App& command, PageOptions& options, const std::string
                      "a web page that may connect beside the dashboard's own, e.g. "
                      "https://app.foxglove.dev");
   command.add_option("--page", options.page, "the folder of another page");
+  command.add_option("--history", options.history,
+                     "the database that sessions are booked into, 'none': not at all (default: the "
+                     "user's own, see 'secondskin history --help')");
 }
 
 std::string page_address(const dashboard::DashboardOptions& options, std::uint16_t port) {

@@ -1,11 +1,14 @@
 #pragma once
 
 #include <CLI/CLI.hpp>
+#include <memory>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "clients/cli/common.h"
 #include "clients/dashboard/dashboard_service.h"
+#include "clients/history/history_service.h"
 
 /// Options of the commands that serve the dashboard.
 namespace secondskin::cli {
@@ -15,13 +18,32 @@ struct PageOptions {
   std::string bind = "127.0.0.1";
   std::string token;
   std::vector<std::string> allowed_origins;
-  std::filesystem::path page;  ///< empty: Library::page()
+  std::filesystem::path page;     ///< empty: Library::page()
+  std::filesystem::path history;  ///< empty: Library::own_history(); kNoHistory
+  static constexpr const char* kNoHistory = "none";
 
   /// Makes a token where one is needed and none was given.
   /// @param own  references that the library may not know, e.g. of a file on the command line
   dashboard::DashboardOptions prepare(
       const std::string& subject, const Library& library,
       const std::vector<std::shared_ptr<const coach::Reference>>& own = {}) const;
+};
+
+/// Books the subject's sessions into the options' history while it lives; nothing where none is
+/// wanted.
+class SessionHistory {
+ public:
+  SessionHistory(bus::Participant& participant, const PageOptions& options, const Library& library);
+  ~SessionHistory();
+  SessionHistory(const SessionHistory&) = delete;
+  SessionHistory& operator=(const SessionHistory&) = delete;
+
+  /// Ends the booking; what was heard is written.
+  void end();
+
+ private:
+  std::unique_ptr<history::HistoryService> service_;
+  std::jthread thread_;
 };
 
 /// @param port_option  "--port" where no other port is meant

@@ -325,6 +325,7 @@ void train(TrainOptions& options) {
   tactor_driver::TactorSummary tactor_summary;
   coach::CoachSummary coach_summary;
   server::CaptureCounts capture_counts;
+  SessionHistory history(participant, options.page, library);  // hears the session from its start
   const auto page = serve_page(participant, options, library, reference);
   std::jthread page_thread;
   if (page) page_thread = std::jthread([&page](std::stop_token stop) { page->run(stop); });
@@ -391,6 +392,7 @@ void train(TrainOptions& options) {
   options.tactile.keep(body_map, coach_summary.exposure);
   recorder_thread.request_stop();
   recorder_thread.join();
+  history.end();
   print_summary(coach_summary, *reference, tactor_summary, capture_counts, recording,
                 options.recording, !options.plan.empty());
   if (!recording.error.empty()) throw std::runtime_error(recording.error);
