@@ -119,7 +119,8 @@ std::string words(const coach::Cue& cue) {
 /// The terminal while a session runs: a line that lives, and keys.
 class Terminal {
  public:
-  Terminal() : tty_(::isatty(STDIN_FILENO) != 0 && ::isatty(STDOUT_FILENO) != 0) {
+  static bool is_there() { return ::isatty(STDIN_FILENO) != 0 && ::isatty(STDOUT_FILENO) != 0; }
+  Terminal() : tty_(is_there()) {
     if (!tty_) return;
     ::tcgetattr(STDIN_FILENO, &before_);
     termios raw = before_;
@@ -318,7 +319,11 @@ void train(TrainOptions& options) {
 
   LiveLine live;
   std::stop_source plan_over;
-  coach.on_end([&] { plan_over.request_stop(); });
+  // At a terminal the session goes on until somebody ends it: the page can start another.
+  const bool interactive = Terminal::is_there();
+  coach.on_end([&] {
+    if (!interactive) plan_over.request_stop();
+  });
   coach.on_frame([&](const coach::CoachFrame& frame) { live.take(frame); });
 
   recorder::RecorderCounts recording;
@@ -337,7 +342,7 @@ void train(TrainOptions& options) {
   server::CaptureService capture(participant, *source,
                                  {.source_name = options.learner,
                                   .speed = options.speed,
-                                  .loop = options.loop,
+                                  .loop = options.loop || interactive,
                                   .wait_for_readers = 2});
   wait_for_session(states, signals.token());
   if (!recorder.wait_until_heard(
@@ -436,7 +441,8 @@ void add_train(CLI::App& app) {
   command->add_option("--speed", options->speed, "play the learner so many times as fast")
       ->check(CLI::Range(0.01, 100.0))
       ->capture_default_str();
-  command->add_flag("--loop", options->loop, "start the learner again at the end");
+  command->add_flag("--loop", options->loop,
+                    "start the learner again at the end (at a terminal always)");
   add_plan_option(*command, options->plan);
   add_page_options(*command, options->page, "--dashboard-port");
   add_source_options(*command, options->from);
