@@ -322,6 +322,7 @@ int main(int argc, char** argv) {
   app.add_option("--root-turn-jerk", s.root_turn_jerk);
   app.add_option("--root-jerk", s.root_jerk);
   app.add_option("--gyro-noise", s.gyro_noise);
+  app.add_option("--rate-error", s.rate_error);
   app.add_option("--accel-noise", s.accel_noise);
   app.add_option("--root-sigma", bench.run_options.root_sigma_q, "of the given root [rad]");
   app.add_option("--arm-sigma", s.arm_sigma);
