@@ -38,7 +38,7 @@ export class Bench {
     const log = join(this.folder, `${part}.log`);
     const out = openSync(log, "a");
     const child = spawn(program, [...commands[part], ...more], {
-      stdio: ["ignore", out, out], env: { ...process.env, XDG_DATA_HOME: this.folder, SECONDSKIN_DATA: root }, cwd: this.folder,
+      stdio: ["ignore", out, out], env: { ...process.env, XDG_DATA_HOME: this.folder, SECONDSKIN_DATA: process.env.SECONDSKIN_DATA ?? root }, cwd: this.folder,
     });
     this.parts.set(part, child);
     const ready: Partial<Record<Part, RegExp>> = { board: /port /, dashboard: /dashboard: http:\/\/127\.0\.0\.1:(\d+)/ };

@@ -16,6 +16,7 @@ test("learners, their sessions, progress, report, export and deletion", async ({
   }
   await expect(page.getByText("No learners yet.")).toBeVisible();
   await page.locator("#add-learner").click();
+  await expect(page.locator("#history-learner option")).toHaveCount(1);
   const id = await page.locator("#history-learner").inputValue();
   expect(id).not.toBe("");
   await page.getByLabel("Note").fill("left knee");

@@ -78,17 +78,19 @@ export class BodyMap {
 
   private words(drives: Drive[] | null): string {
     if (drives == null) return texts.body.quiet;
-    const parts: string[] = [];
-    const rings = new Set<string>();
-    for (const site of this.sites) {
+    // The strongest two; a ring counts once.
+    const on = this.sites.flatMap((site) => {
       const drive = drives[site.channel];
-      if (drive == undefined || drive.level === 0 || drive.mode == null) continue;
-      const ring = drive.mode.startsWith("saltation");
-      if (ring && rings.has(site.segment)) continue;
+      return drive && drive.level > 0 && drive.mode ? [{ site, level: drive.level, mode: drive.mode }] : [];
+    }).sort((a, b) => b.level - a.level);
+    const rings = new Set<string>();
+    const parts = on.flatMap(({ site, level, mode }) => {
+      const ring = mode.startsWith("saltation");
+      if (ring && rings.has(site.segment)) return [];
       if (ring) rings.add(site.segment);
-      parts.push(texts.body.now(segmentText(site.segment), ring ? texts.body.ring : texts.body.side[sideOf(site.angle)],
-        Math.round(drive.level * 100), texts.body.mode[drive.mode]));
-    }
+      return [texts.body.now(segmentText(site.segment), ring ? texts.body.ring : texts.body.side[sideOf(site.angle)],
+        Math.round(level * 100), texts.body.mode[mode])];
+    });
     return parts.length === 0 ? texts.body.quiet : parts.slice(0, 2).join("\n");
   }
 

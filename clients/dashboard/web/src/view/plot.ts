@@ -10,6 +10,16 @@ export const LINES = ["#56b4e9", "#e69f00", "#3fbf93", "#cc79a7", "#f0e442", "#e
 const MOST_NAMED = 8;
 const DASHES = [[], [8, 5], [2, 4], [10, 4, 2, 4]];
 
+const DAY = 86400;
+
+// A day and a bit at least: one session is a point on its date, not on an axis of years.
+function dates(_plot: uPlot, low: number | null, high: number | null): [number, number] {
+  const from = low ?? Date.now() / 1000;
+  const to = high ?? from;
+  const room = Math.max((to - from) * 0.05, DAY);
+  return [from - room, to + room];
+}
+
 export interface Line { label: string; dashed?: boolean; band?: boolean; points?: boolean; colour?: string }
 
 export class Plot {
@@ -45,7 +55,7 @@ export class Plot {
     return {
       cursor: { y: false },
       legend: { show: this.lines.length <= MOST_NAMED, live: false },
-      scales: { x: { time: time === "clock" }, y: { range: range ?? ((_plot, _low, high): [number, number] => [0, Math.max(1, high * 1.1)]) } },
+      scales: { x: { time: time === "clock", ...(time === "clock" && { range: dates }) }, y: { range: range ?? ((_plot, _low, high): [number, number] => [0, Math.max(1, high * 1.1)]) } },
       axes: [axis, { ...axis, label: unit, labelFont: FONT, size: 58 }],
       series: [
         {},
