@@ -23,7 +23,7 @@ struct WearableOptions {
     filter.gyro_noise = 0.3;
     filter.accel_noise = 20.0;
     filter.distance_noise = 0.1;
-    filter.rate_error = 1.0;
+    filter.rate_error = 0.3;
   }
 
   StartSettings start;
