@@ -18,12 +18,13 @@ namespace secondskin::server {
 
 struct WearableOptions {
   /// While the root is not given, what accelerometers feel is shared out between it and the limbs:
-  /// with less noise assumed, soft tissue turns limbs.
+  /// with less noise assumed, soft tissue turns limbs. How boards are mounted the start has told.
   WearableOptions() {
     filter.gyro_noise = 0.3;
     filter.accel_noise = 20.0;
     filter.distance_noise = 0.1;
     filter.rate_error = 0.3;
+    filter.mount_sigma = 0.05;
   }
 
   StartSettings start;
