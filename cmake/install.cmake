@@ -5,6 +5,9 @@ set(data_dir ${CMAKE_INSTALL_DATADIR}/secondskin)
 install(FILES idl/qos.xml idl/secondskin_msgs.idl DESTINATION ${data_dir}/idl)
 install(DIRECTORY idl/foxglove DESTINATION ${data_dir}/idl)
 install(DIRECTORY joint_maps body_maps plans marker_sets suits garments calibration_objects reference_motions DESTINATION ${data_dir})
+# The page, where clients/dashboard/web/build has built it.
+install(DIRECTORY clients/dashboard/web/dist/ DESTINATION ${data_dir}/dashboard OPTIONAL
+        PATTERN .stamp EXCLUDE)
 
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/secondskin)
 install(EXPORT secondskinTargets NAMESPACE secondskin:: DESTINATION ${package_dir})
