@@ -54,8 +54,13 @@ std::string_view without_port(std::string_view host) {
 }
 
 bool names_this_machine(std::string_view host) {
-  const std::string_view name = without_port(host);
-  return same_nocase(name, "localhost") || name.starts_with("127.") || name == "[::1]";
+  std::string_view name = without_port(host);
+  if (same_nocase(name, "localhost")) return true;
+  if (name.starts_with('[') && name.ends_with(']')) name = name.substr(1, name.size() - 2);
+  // As an address: "127.example.org" is a name that anybody may give to this machine's.
+  boost::system::error_code error;
+  const auto address = boost::asio::ip::make_address(std::string(name), error);
+  return !error && address.is_loopback();
 }
 
 std::string_view without_scheme(std::string_view origin) {

@@ -13,7 +13,8 @@ TEST(Access, IsFreeOnThisMachineByItsNamesOnly) {
     EXPECT_EQ(judge(kOpen, {.host = host}), Access::kGranted) << host;
   }
   // A foreign name that was given the address 127.0.0.1: its pages would read what they like.
-  for (const char* host : {"evil.example:8765", "localhost.evil.example", "192.168.1.5:8765"}) {
+  for (const char* host : {"evil.example:8765", "localhost.evil.example", "127.evil.example:8765",
+                           "127.0.0.1.evil.example", "192.168.1.5:8765"}) {
     EXPECT_EQ(judge(kOpen, {.host = host}), Access::kForeignHost) << host;
   }
 }
