@@ -1,9 +1,9 @@
-# Installs the official reader beside a copy of check.mjs: cmake -DSOURCE=... -DTARGET=... -P install.cmake
+# Installs the packages of a check in JavaScript beside a copy of its check.mjs: cmake -DSOURCE=... -DTARGET=... -P install_npm.cmake
 # Nothing to do, and no network needed, when what is installed is of the same lock file.
 find_program(NODE node)
 find_program(NPM npm)
 if(NOT NODE OR NOT NPM)
-  message(FATAL_ERROR "node and npm are needed to check recordings with the official MCAP reader; "
+  message(FATAL_ERROR "node and npm are needed for the check in ${SOURCE}; "
                       "the set-up script installs them")
 endif()
 file(MAKE_DIRECTORY ${TARGET})
