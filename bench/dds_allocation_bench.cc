@@ -1,8 +1,8 @@
 // How often Fast DDS itself calls malloc to carry one pose, once all is warm: on the thread that
 // writes, on the thread that takes, and on its own threads. Both ways that a message can go: handed
-// over inside the process, and through the transports (shared memory, or UDP with --udp-only) as
-// between processes. The conversions to and from our types are not in it: they allocate nothing
-// (tests/coach_allocation). docs/benchmarks.md quotes the output.
+// over inside the process, and through UDP on the loopback as between processes. The conversions to
+// and from our types are not in it: they allocate nothing (tests/coach_allocation).
+// docs/benchmarks.md quotes the output.
 
 #include <fmt/core.h>
 #include <spdlog/spdlog.h>
@@ -57,14 +57,12 @@ namespace msg = bus::msg;
 struct Options {
   std::uint32_t domain = 10 + static_cast<std::uint32_t>(::getpid()) % 90;
   int frames = 1000;
-  bool udp_only = false;
 };
 
 nlohmann::json run(const Options& options) {
   const bus::Config config{.subject = fmt::format("bench_{}", ::getpid()),
                            .domain = options.domain,
                            .reach = bus::Reach::kThisMachine,
-                           .udp_only = options.udp_only,
                            .qos_file = bench::kRoot / "idl" / "qos.xml",
                            .name = "secondskin_dds_allocation_bench"};
   bus::Participant writing(config), reading(config);
@@ -132,7 +130,6 @@ int measure(int argc, char** argv) {
   app.add_option("--frames", options.frames, "counted, at 62.5 Hz")->capture_default_str();
   app.add_option("--domain", options.domain)->capture_default_str();
   app.add_flag("--transports", transports, "as between processes");
-  app.add_flag("--udp-only", options.udp_only, "no shared memory; with --transports");
   app.add_flag("--json", json);
   CLI11_PARSE(app, argc, argv);
   spdlog::set_level(spdlog::level::warn);
@@ -140,9 +137,8 @@ int measure(int argc, char** argv) {
   const bench::Folder folder;
   if (transports) force_transports(folder);
   nlohmann::json result = run(options);
-  const std::string way = !transports        ? "handed over inside the process"
-                          : options.udp_only ? "through UDP on the loopback"
-                                             : "through shared memory";
+  const std::string way =
+      transports ? "through UDP on the loopback" : "handed over inside the process";
   result["way"] = way;
   if (json) {
     fmt::print("{}\n", result.dump(2));

@@ -45,7 +45,6 @@ struct Options {
   double tolerance_scale = 0.1;
   std::uint32_t max_cues = 16;
   std::uint32_t domain = 10 + static_cast<std::uint32_t>(::getpid()) % 90;
-  bool udp_only = false;
 };
 
 /// A command as it was heard on the topic.
@@ -233,7 +232,6 @@ class Processes final : public Services {
       const std::string log = folder / (arguments.front() + ".log");
       arguments.insert(arguments.end(),
                        {"--domain", std::to_string(options.domain), "--subject", subject});
-      if (options.udp_only) arguments.emplace_back("--udp-only");
       programs_.emplace_back(std::move(arguments), log);
     };
     start({"record", folder / "processes.mcap"});
@@ -371,7 +369,6 @@ Result run(const Options& options, const Motion& learner, bool as_processes) {
   BoardEnd board;
   bus::Participant participant({.subject = subject,
                                 .domain = options.domain,
-                                .udp_only = options.udp_only,
                                 .qos_file = bench::kRoot / "idl" / "qos.xml",
                                 .name = "secondskin_latency_bench"});
   Listener listener(participant);
@@ -478,7 +475,6 @@ int measure(int argc, char** argv) {
   app.add_option("--tolerance-scale", options.tolerance_scale)->capture_default_str();
   app.add_option("--max-cues", options.max_cues)->capture_default_str();
   app.add_option("--domain", options.domain)->capture_default_str();
-  app.add_flag("--udp-only", options.udp_only, "no shared memory");
   app.add_flag("-v,--verbose", verbose, "what the programs say");
   app.add_flag("--json", json);
   CLI11_PARSE(app, argc, argv);

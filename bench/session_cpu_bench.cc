@@ -23,13 +23,11 @@ struct Options {
   double seconds = 30.0;
   double warm_up = 8.0;
   std::uint32_t domain = 10 + static_cast<std::uint32_t>(::getpid()) % 90;
-  bool udp_only = false;
 
   /// A command that joins the session's bus.
   std::vector<std::string> on_bus(std::vector<std::string> command) const {
     command.insert(command.end(), {"--domain", std::to_string(domain), "--subject",
                                    "bench_" + std::to_string(::getpid())});
-    if (udp_only) command.emplace_back("--udp-only");
     return command;
   }
 };
@@ -212,7 +210,6 @@ int measure(int argc, char** argv) {
       ->capture_default_str();
   app.add_option("--reference", options.reference)->capture_default_str();
   app.add_option("--domain", options.domain)->capture_default_str();
-  app.add_flag("--udp-only", options.udp_only, "no shared memory");
   app.add_flag("--threads", threads, "each thread's share too");
   app.add_flag("--json", json);
   CLI11_PARSE(app, argc, argv);

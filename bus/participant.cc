@@ -4,7 +4,6 @@
 #include <spdlog/spdlog.h>
 
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
-#include <fastdds/rtps/transport/shared_mem/SharedMemTransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
 #include <fastdds/dds/domain/DomainParticipantFactory.hpp>
 #include <fastdds/dds/log/Log.hpp>
@@ -15,13 +14,11 @@
 #include <stdexcept>
 
 #include "bus/entities.h"
-#include "bus/shared_memory.h"
 #include "bus/topics.h"
 
 namespace secondskin::bus {
 namespace {
 
-using eprosima::fastdds::rtps::SharedMemTransportDescriptor;
 using eprosima::fastdds::rtps::UDPv4TransportDescriptor;
 using eprosima::fastrtps::rtps::IPLocator;
 using eprosima::fastrtps::rtps::Locator_t;
@@ -88,9 +85,6 @@ dds::DomainParticipantQos qos_of(const Config& config) {
   dds::DomainParticipantQos qos;
   qos.name(config.name);
   qos.transport().use_builtin_transports = false;
-  if (!config.udp_only) {
-    qos.transport().user_transports.push_back(std::make_shared<SharedMemTransportDescriptor>());
-  }
   auto udp = std::make_shared<UDPv4TransportDescriptor>();
   auto& discovery = qos.wire_protocol().builtin;
   // A killed program is forgotten, and its liveliness lost, within this.
@@ -123,19 +117,6 @@ std::int64_t now_ns() noexcept {
 Participant::Participant(const Config& config) : entities_(std::make_unique<Entities>()) {
   check(config);
   load_profiles_once(config.qos_file);
-  if (!config.udp_only) {
-    const auto cleaning = remove_stale_shared_memory();
-    if (cleaning.removed > 0) {
-      spdlog::info("removed {} shared-memory segments that dead processes left behind",
-                   cleaning.removed);
-    }
-    if (cleaning.refused > 0) {
-      spdlog::warn(
-          "{} dead shared-memory segments belong to another user; if programs do not find "
-          "each other, remove /dev/shm/fastrtps_* as root or use --udp-only",
-          cleaning.refused);
-    }
-  }
   auto& e = *entities_;
   e.config = config;
   auto* factory = dds::DomainParticipantFactory::get_instance();
@@ -146,8 +127,7 @@ Participant::Participant(const Config& config) : entities_(std::make_unique<Enti
   }
   if (e.publisher == nullptr || e.subscriber == nullptr) {
     throw std::runtime_error(fmt::format(
-        "cannot join DDS domain {}: try --udp-only, another --domain, or 'secondskin doctor'",
-        config.domain));
+        "cannot join DDS domain {}: try another --domain or 'secondskin doctor'", config.domain));
   }
 }
 

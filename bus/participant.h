@@ -8,8 +8,10 @@
 
 /// A program's place on the bus. Everything else in this folder hangs on one.
 ///
-/// Default reach is this machine: UDP on 127.0.0.1 and shared memory, discovery by unicast, so no
-/// packet leaves. The subject is the person who learns; it is part of every topic's name.
+/// Default reach is this machine: UDP on 127.0.0.1, discovery by unicast, so no packet leaves.
+/// Never shared memory: a program that is killed can hold up those that send to it for good
+/// (docs/architecture.md, Topics). The subject is the person who learns; it is part of every
+/// topic's name.
 namespace secondskin::bus {
 
 enum class Reach : std::uint8_t { kThisMachine, kNetwork };
@@ -18,7 +20,6 @@ struct Config {
   std::string subject = "learner";  ///< letters, digits and '_'; it names the topics
   std::uint32_t domain = 0;         ///< DDS domain, 0 to 232
   Reach reach = Reach::kThisMachine;
-  bool udp_only = false;            ///< no shared memory, e.g. between containers
   std::filesystem::path qos_file;   ///< idl/qos.xml
   std::string name = "secondskin";  ///< of this program, for others to see
 };
@@ -28,7 +29,7 @@ std::int64_t now_ns() noexcept;
 
 class Participant {
  public:
-  /// Removes shared memory that dead processes left behind, then joins the domain.
+  /// Joins the domain.
   /// @throws std::runtime_error naming what could not be made and what to try.
   explicit Participant(const Config& config);
   ~Participant();  ///< after all its writers and readers

@@ -38,7 +38,6 @@ void add_bus_options(CLI::App& command, BusOptions& options) {
   command.add_flag_function(
       "--network", [&config](std::int64_t) { config.reach = bus::Reach::kNetwork; },
       "open the session to the local network (default: this machine only)");
-  command.add_flag("--udp-only", config.udp_only, "no shared memory, e.g. between containers");
 }
 
 bus::Config BusOptions::configuration(std::string program) const {

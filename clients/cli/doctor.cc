@@ -7,7 +7,6 @@
 #include <nlohmann/json.hpp>
 
 #include "bus/reader.h"
-#include "bus/shared_memory.h"
 #include "bus/wait_set.h"
 #include "bus/writer.h"
 #include "clients/cli/common.h"
@@ -57,7 +56,7 @@ Finding check_references() {
 
 Finding check_bus(bus::Config config) {
   config.subject += fmt::format("_doctor{}", ::getpid());
-  const char* how = config.udp_only ? "UDP on 127.0.0.1" : "shared memory and UDP on 127.0.0.1";
+  const std::string subject = "DDS on 127.0.0.1";
   try {
     bus::Participant here(config), there(config);
     bus::Writer<msg::EmergencyStop> writer(here);
@@ -71,35 +70,17 @@ Finding check_bus(bus::Config config) {
     while (std::chrono::steady_clock::now() < begin + 5s) {
       news.wait(100ms);
       if (reader.take(message)) {
-        return {fmt::format("DDS, {}", how), true,
+        return {subject, true,
                 fmt::format("a message arrived {:.0f} ms after joining",
                             std::chrono::duration<double, std::milli>(
                                 std::chrono::steady_clock::now() - begin)
                                 .count())};
       }
     }
-    return {fmt::format("DDS, {}", how), false,
-            config.udp_only ? "no message arrived in 5 s: is the loopback interface up?"
-                            : "no message arrived in 5 s: try --udp-only, or remove "
-                              "/dev/shm/fastrtps_* while nothing runs"};
+    return {subject, false, "no message arrived in 5 s: is the loopback interface up?"};
   } catch (const std::exception& error) {
-    return {fmt::format("DDS, {}", how), false, error.what()};
+    return {subject, false, error.what()};
   }
-}
-
-Finding check_shared_memory() {
-  const auto cleaning = bus::remove_stale_shared_memory();
-  if (::access("/dev/shm", W_OK) != 0) {
-    return {"shared memory", false, "/dev/shm cannot be written: use --udp-only"};
-  }
-  if (cleaning.refused > 0) {
-    return {"shared memory", false,
-            fmt::format("{} segments of dead processes belong to another user: remove "
-                        "/dev/shm/fastrtps_* as root",
-                        cleaning.refused)};
-  }
-  return {"shared memory", true,
-          fmt::format("{} dead segments removed, {} in use", cleaning.removed, cleaning.in_use)};
 }
 
 std::vector<Finding> check_ports(const std::string& port) {
@@ -187,14 +168,8 @@ void mend(const Options& options) {
 }
 
 void examine(const Options& options) {
-  std::vector<Finding> findings{check_data(), check_references(), check_shared_memory()};
-  const bus::Config config = options.bus.configuration("secondskin_doctor");
-  findings.push_back(check_bus(config));
-  if (!config.udp_only) {
-    auto udp = config;
-    udp.udp_only = true;
-    findings.push_back(check_bus(udp));
-  }
+  std::vector<Finding> findings{check_data(), check_references(),
+                                check_bus(options.bus.configuration("secondskin_doctor"))};
   for (auto& finding : check_ports(options.port)) findings.push_back(std::move(finding));
   findings.push_back(check_solver());
   findings.push_back(check_disk());

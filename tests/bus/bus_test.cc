@@ -149,22 +149,6 @@ TEST(Bus, SubjectsDoNotHearEachOther) {
   EXPECT_FALSE(eventually([&] { return reader.counts().writers > 0; }, 500ms));
 }
 
-TEST(Bus, WorksWithoutSharedMemory) {
-  auto config = test_config();
-  config.udp_only = true;
-  Participant here(config), there(config);
-  Writer<msg::SkeletonPose> writer(here);
-  Reader<msg::SkeletonPose> reader(there);
-  ASSERT_TRUE(eventually([&] { return reader.counts().writers == 1; }));
-  ASSERT_TRUE(eventually([&] { return writer.counts().readers == 1; }));
-  msg::SkeletonPose got;
-  ASSERT_TRUE(eventually([&] {
-    writer.write(pose_message(3));
-    return reader.take(got);
-  }));
-  EXPECT_EQ(got.header().frame(), 3u);
-}
-
 msg::EmergencyStop stop_message(bool active, std::int64_t publish_ns) {
   msg::EmergencyStop message;
   message.active(active);
