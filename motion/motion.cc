@@ -49,6 +49,36 @@ Motion resample(const Motion& motion, double rate_hz) {
   return result;
 }
 
+Motion evenly(const Skeleton& skeleton, double rate_hz, std::span<const StampedPose> poses) {
+  if (!(std::isfinite(rate_hz) && rate_hz > 0.0)) {
+    throw std::invalid_argument("evenly: expected a rate above 0");
+  }
+  std::vector<const StampedPose*> kept;
+  for (const StampedPose& pose : poses) {
+    const bool later = kept.empty() || pose.stamp_ns > kept.back()->stamp_ns;
+    if (later && pose.pose.is_valid()) kept.push_back(&pose);
+  }
+  if (kept.empty()) throw std::invalid_argument("evenly: expected a valid pose");
+  Motion motion{skeleton, rate_hz, {}};
+  const double step_ns = 1e9 / rate_hz;
+  const auto stamp = [&](std::size_t k) {
+    return static_cast<double>(kept[k]->stamp_ns - kept.front()->stamp_ns);
+  };
+  const double end = stamp(kept.size() - 1);
+  std::size_t i = 0;
+  Pose at(skeleton.size());
+  for (double t = 0.0; t <= end + 0.5 * step_ns; t += step_ns) {
+    while (i + 1 < kept.size() && stamp(i + 1) <= t) ++i;
+    if (i + 1 < kept.size()) {
+      interpolate(kept[i]->pose, kept[i + 1]->pose, (t - stamp(i)) / (stamp(i + 1) - stamp(i)), at);
+      motion.poses.push_back(at);
+    } else {
+      motion.poses.push_back(kept[i]->pose);
+    }
+  }
+  return motion;
+}
+
 Motion slice(const Motion& motion, std::size_t begin, std::size_t end) {
   if (begin >= end || end > motion.poses.size()) {
     throw std::out_of_range(

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <span>
 #include <vector>
 
 #include "motion/skeleton.h"
@@ -28,6 +29,11 @@ void sample(const Motion& motion, double time, Pose& out);
 /// The same motion at another rate: slerp between neighbours. @throws std::invalid_argument unless
 /// rate_hz is finite and > 0.
 Motion resample(const Motion& motion, double rate_hz);
+
+/// Poses with uneven stamps at equal steps of time, from the first to the last: slerp between
+/// neighbours. A pose that is not valid or not later than the one before is left out.
+/// @throws std::invalid_argument when no pose is left, or as resample().
+Motion evenly(const Skeleton& skeleton, double rate_hz, std::span<const StampedPose> poses);
 
 /// Poses [begin, end) as a motion of their own. @throws std::out_of_range on an empty or wrong
 /// range.

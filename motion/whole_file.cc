@@ -4,6 +4,7 @@
 
 #include <cerrno>
 #include <fstream>
+#include <iterator>
 #include <system_error>
 
 namespace secondskin {
@@ -26,6 +27,23 @@ void write_whole_file(const std::filesystem::path& file, std::string_view bytes)
   std::error_code error;
   std::filesystem::rename(partial, file, error);
   if (error) fail(error.value());
+}
+
+std::string read_whole_file(const std::filesystem::path& file) {
+  const auto fail = [&] {
+    throw std::system_error(errno != 0 ? errno : EIO, std::generic_category(),
+                            fmt::format("cannot read {}", file.string()));
+  };
+  errno = 0;
+  std::ifstream in(file, std::ios::binary);
+  if (!in) fail();
+  std::string bytes;
+  try {
+    bytes.assign(std::istreambuf_iterator<char>(in), {});
+  } catch (const std::ios_base::failure&) {  // a folder, too, opens but does not read
+    fail();
+  }
+  return bytes;
 }
 
 }  // namespace secondskin
