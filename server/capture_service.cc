@@ -35,6 +35,15 @@ struct CaptureService::State {
         skeletons(participant),
         health(participant, "capture") {}
 
+  // @returns the id that its poses name
+  std::uint32_t publish_skeleton() {
+    msg::SkeletonDefinition definition;
+    bus::to_message(source.skeleton(), options.source_name, source.rate_hz(), definition);
+    definition.publish_ns(bus::now_ns());
+    skeletons.write(definition);
+    return definition.skeleton_id();
+  }
+
   PoseSource& source;
   CaptureOptions options;
   bus::Writer<msg::SkeletonPose> poses;
@@ -48,11 +57,7 @@ struct CaptureService::State {
 CaptureService::CaptureService(bus::Participant& participant, PoseSource& source,
                                const CaptureOptions& options)
     : state_(std::make_unique<State>(participant, source, options)) {
-  auto& s = *state_;
-  msg::SkeletonDefinition definition;
-  bus::to_message(source.skeleton(), options.source_name, source.rate_hz(), definition);
-  definition.publish_ns(bus::now_ns());
-  s.skeletons.write(definition);
+  if (source.knows_body()) state_->publish_skeleton();
 }
 
 CaptureService::~CaptureService() = default;
@@ -73,7 +78,8 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
     s.poses.wait_for_readers(s.options.wait_for_readers + 1, kLongestWaitForReaders, stop);
   }
 
-  const std::uint32_t id = bus::skeleton_id(s.source.skeleton());
+  const bool body_is_told = s.source.knows_body();
+  std::uint32_t id = bus::skeleton_id(s.source.skeleton());
   const auto period = std::chrono::duration<double>(
       s.options.speed > 0.0 ? 1.0 / (s.source.rate_hz() * s.options.speed) : 0.0);
   s.health.state(msg::SERVICE_RUNNING);
@@ -88,7 +94,9 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
   while (!stop.stop_requested()) {
     Next next = s.source.next(pose);
     if (next == Next::kSilence) {
-      s.health.state(msg::SERVICE_WAITING, "no sample comes; is the device on and in reach?");
+      const std::string trouble = s.source.trouble();
+      s.health.state(msg::SERVICE_WAITING,
+                     trouble.empty() ? "no sample comes; is the device on and in reach?" : trouble);
       s.health.tick(bus::now_ns());
       continue;
     }
@@ -102,6 +110,7 @@ CaptureCounts CaptureService::run(std::stop_token stop) {
     if (first) {
       first_stamp_ns = pose.stamp_ns;
       first = false;
+      if (!body_is_told) id = s.publish_skeleton();
     }
     auto due = start;
     if (live) {

@@ -9,6 +9,7 @@
 #include "motion/marker_file.h"
 #include "server/markers/body_file.h"
 #include "server/markers/marker_source.h"
+#include "server/mvn/mvn_source.h"
 #include "server/replay/motion_source.h"
 #include "server/replay/recording_source.h"
 #include "server/wearable/csv/csv_stream.h"
@@ -22,10 +23,11 @@ namespace fs = std::filesystem;
 constexpr std::string_view kReplay = "replay:";
 constexpr std::string_view kOptical = "optical:";
 constexpr std::string_view kWearable = "wearable:";
+constexpr std::string_view kMvn = "mvn:";
 constexpr const char* kKinds =
     "expected replay:FILE or FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt or .txt.gz), "
-    "optical:PORT,PORT... or optical:FILE,FILE..., or wearable:FILE.garment, wearable:PORT, "
-    "wearable:tcp:ADDRESS:PORT or wearable:FILE.csv";
+    "optical:PORT,PORT... or optical:FILE,FILE..., wearable:FILE.garment, wearable:PORT, "
+    "wearable:tcp:ADDRESS:PORT or wearable:FILE.csv, or mvn:PORT or mvn:ADDRESS:PORT";
 
 std::unique_ptr<PoseSource> open_optical(const std::string& source,
                                          const OpticalSettings& settings) {
@@ -100,6 +102,15 @@ std::unique_ptr<PoseSource> open_wearable(const std::string& source,
   }
 }
 
+std::unique_ptr<PoseSource> open_mvn(const std::string& source, const RetargetOptions& options) {
+  try {
+    const auto place = wire::UdpPlace::parse(std::string_view(source).substr(kMvn.size()));
+    return std::make_unique<MvnSource>(place, options);
+  } catch (const std::exception& error) {
+    throw std::runtime_error(fmt::format("source '{}': {}", source, error.what()));
+  }
+}
+
 }  // namespace
 
 std::vector<std::string> optical_places(const std::string& source) {
@@ -158,6 +169,7 @@ MarkerMotion record_points(OpticalReceiver& receiver, const ProjectorRig& rig, c
 std::unique_ptr<PoseSource> open_source(const std::string& source, const SourceSettings& settings) {
   if (source.starts_with(kOptical)) return open_optical(source, settings.optical);
   if (source.starts_with(kWearable)) return open_wearable(source, settings.wearable);
+  if (source.starts_with(kMvn)) return open_mvn(source, settings.retarget);
   const fs::path file(source.starts_with(kReplay) ? source.substr(kReplay.size()) : source);
   if (!fs::exists(file)) {
     throw std::runtime_error(fmt::format("source '{}': no such file; {}", source, kKinds));
@@ -181,29 +193,11 @@ std::unique_ptr<PoseSource> open_source(const std::string& source, const SourceS
 
 Motion read_all(PoseSource& source) {
   std::vector<StampedPose> poses;
-  for_each_pose(source, [&poses](const StampedPose& pose) {
-    const bool later = poses.empty() || pose.stamp_ns > poses.back().stamp_ns;
-    if (later && pose.pose.is_valid()) poses.push_back(pose);
-  });
-  if (poses.empty()) throw std::runtime_error("the source holds no valid pose");
-  Motion motion{source.skeleton(), source.rate_hz(), {}};
-  const double step_ns = 1e9 / motion.rate_hz;
-  const auto end = static_cast<double>(poses.back().stamp_ns - poses.front().stamp_ns);
-  std::size_t i = 0;
-  Pose at(source.skeleton().size());
-  for (double t = 0.0; t <= end + 0.5 * step_ns; t += step_ns) {
-    const auto stamp = [&](std::size_t k) {
-      return static_cast<double>(poses[k].stamp_ns - poses.front().stamp_ns);
-    };
-    while (i + 1 < poses.size() && stamp(i + 1) <= t) ++i;
-    if (i + 1 < poses.size()) {
-      interpolate(poses[i].pose, poses[i + 1].pose, (t - stamp(i)) / (stamp(i + 1) - stamp(i)), at);
-      motion.poses.push_back(at);
-    } else {
-      motion.poses.push_back(poses[i].pose);
-    }
-  }
-  return motion;
+  for_each_pose(source, [&poses](const StampedPose& pose) { poses.push_back(pose); });
+  const bool any = std::any_of(poses.begin(), poses.end(),
+                               [](const StampedPose& pose) { return pose.pose.is_valid(); });
+  if (!any) throw std::runtime_error("the source holds no valid pose");
+  return evenly(source.skeleton(), source.rate_hz(), poses);
 }
 
 }  // namespace secondskin::server

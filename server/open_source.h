@@ -42,7 +42,8 @@ struct SourceSettings {
 
 /// Opens what a user names as a SOURCE: "replay:FILE" or just FILE (.bvh, .mcap, .c3d, .trc,
 /// UI-PRMD .txt and .txt.gz), "optical:PORT,PORT…" or "optical:FILE,FILE…", a port or file a tag;
-/// "wearable:FILE.garment", "wearable:PORT", "wearable:tcp:ADDRESS:PORT" or "wearable:FILE.csv".
+/// "wearable:FILE.garment", "wearable:PORT", "wearable:tcp:ADDRESS:PORT" or "wearable:FILE.csv";
+/// "mvn:PORT" (on 127.0.0.1) or "mvn:ADDRESS:PORT": where Xsens MVN sends its datagrams to.
 /// @throws std::runtime_error naming the source, and the kinds that there are when it is none.
 std::unique_ptr<PoseSource> open_source(const std::string& source, const SourceSettings& settings);
 

@@ -21,6 +21,8 @@ class PoseSource {
   virtual ~PoseSource() = default;
 
   virtual const Skeleton& skeleton() const = 0;
+  /// Whether skeleton() and rate_hz() already hold; if not, they do from the first pose on.
+  virtual bool knows_body() const { return true; }
   virtual double rate_hz() const = 0;  ///< nominal
 
   /// Gives the next pose. Its frame counts the samples, those that were lost too. Its stamp is the
@@ -34,6 +36,9 @@ class PoseSource {
   /// Whether poses come as they are measured: next() waits for them, and their stamps are times
   /// since the Unix epoch.
   virtual bool live() const { return false; }
+
+  /// Of a live source: why poses may not come, and what to do; empty when nothing is known.
+  virtual std::string trouble() const { return {}; }
 };
 
 }  // namespace secondskin::server

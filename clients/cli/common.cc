@@ -216,6 +216,19 @@ bool enter_pressed() {
   return ::read(STDIN_FILENO, &c, 1) == 1 && c == '\n';
 }
 
+bool wait_for_body(server::PoseSource& source, const std::string& name, std::stop_token stop) {
+  if (!source.knows_body()) spdlog::info("waiting for the first pose of {}", name);
+  StampedPose pose;
+  std::string said;
+  while (!source.knows_body()) {
+    if (stop.stop_requested() || source.next(pose) == server::Next::kEnd) return false;
+    const std::string trouble = source.trouble();
+    if (!trouble.empty() && trouble != said) spdlog::warn("{}: {}", name, trouble);
+    said = trouble;
+  }
+  return true;
+}
+
 void wait_for_stop(std::stop_token stop, double seconds) {
   std::mutex mutex;
   std::condition_variable_any alarm;

@@ -114,7 +114,7 @@ struct SourceOptions {
 /// What to name where a SOURCE is asked for.
 inline constexpr const char* kSourceHelp =
     "FILE (.bvh, .mcap, .c3d, .trc, UI-PRMD .txt), optical:PORT,PORT..., "
-    "wearable:FILE.garment, wearable:PORT, wearable:FILE.csv or sim:FILE";
+    "wearable:FILE.garment, wearable:PORT, wearable:FILE.csv, mvn:PORT or sim:FILE";
 void add_source_options(CLI::App& command, SourceOptions& options);
 /// Those of sources without a worn garment: for commands that have a garment of their own.
 void add_motion_options(CLI::App& command, SourceOptions& options);
@@ -154,6 +154,10 @@ class OpticalOutputs {
   struct State;
   std::unique_ptr<State> state_;
 };
+
+/// Sleeps until a source knows its body, saying why it does not. @returns false when a stop came
+/// first.
+bool wait_for_body(server::PoseSource& source, const std::string& name, std::stop_token stop);
 
 /// Whether Enter was pressed on a terminal. Never waits.
 bool enter_pressed();
@@ -200,6 +204,7 @@ void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
 void add_dashboard(CLI::App& app);
+void add_stream(CLI::App& app);
 void add_study(CLI::App& app);
 void add_history(CLI::App& app);
 void add_doctor(CLI::App& app);

@@ -127,6 +127,25 @@ MarkerMotion markers_of(server::PoseSource& source) {
   return out;
 }
 
+/// A live source that ends when the user says so.
+class UntilStopped final : public server::PoseSource {
+ public:
+  UntilStopped(server::PoseSource& source, std::stop_token stop)
+      : source_(source), stop_(std::move(stop)) {}
+
+  const Skeleton& skeleton() const override { return source_.skeleton(); }
+  double rate_hz() const override { return source_.rate_hz(); }
+  server::Next next(StampedPose& pose) override {
+    return stop_.stop_requested() ? server::Next::kEnd : source_.next(pose);
+  }
+  bool rewind() override { return false; }
+  bool live() const override { return true; }
+
+ private:
+  server::PoseSource& source_;
+  std::stop_token stop_;
+};
+
 void export_command(CLI::App& app) {
   struct Options {
     std::string source;
@@ -147,7 +166,15 @@ void export_command(CLI::App& app) {
   add_source_options(*command, options->from);
   command->callback([options] {
     const Library library;
-    const auto source = options->from.open(options->source, library);
+    auto source = options->from.open(options->source, library);
+    std::optional<StopOnSignal> signals;
+    std::unique_ptr<server::PoseSource> live;
+    if (options->source.starts_with("mvn:")) {
+      live = std::exchange(source, nullptr);
+      signals.emplace();
+      source = std::make_unique<UntilStopped>(*live, signals->token());
+      spdlog::info("exporting until Ctrl-C");
+    }
     const std::string kind = options->to.extension().string();
     if (kind == ".csv") {
       export_csv(*source, options->to);

@@ -40,6 +40,7 @@ int run(int argc, char** argv) {
   cli::add_calibrate_tactors(app);
   cli::add_calibrate_wearable(app);
   cli::add_dashboard(app);
+  cli::add_stream(app);
   cli::add_study(app);
   cli::add_history(app);
   cli::add_doctor(app);

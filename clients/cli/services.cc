@@ -13,6 +13,7 @@
 #include "clients/tactor_driver/tactor_service.h"
 #include "coach/coach_service.h"
 #include "server/capture_service.h"
+#include "server/mvn/mvn_source.h"
 #include "server/open_source.h"
 #include "sim/board/virtual_board_runner.h"
 
@@ -33,7 +34,8 @@ void capture(CLI::App& app) {
   command->footer(
       "Example:  secondskin capture replay:squat.bvh --loop --speed 0.5\n"
       "          secondskin capture optical:/dev/ttyUSB0,/dev/ttyUSB1 --suit second_skin\n"
-      "          secondskin capture wearable:walk.csv --garment walk_columns.toml --stature 1.82");
+      "          secondskin capture wearable:walk.csv --garment walk_columns.toml --stature 1.82\n"
+      "          secondskin capture mvn:9763");
   command->add_option("source", options->capture.source_name, kSourceHelp)->required();
   command->add_option("--speed", options->capture.speed, "times the source's own rate")
       ->check(CLI::Range(0.01, 100.0))
@@ -60,6 +62,14 @@ void capture(CLI::App& app) {
     fmt::print("capture: {} poses published, {} refused, {} late\n", counts.published,
                counts.refused, counts.late);
     optical.report();
+    if (const auto* mvn = dynamic_cast<const server::MvnSource*>(source.get())) {
+      const auto& seen = mvn->stream().counts();
+      fmt::print(
+          "mvn: {} samples lost, {} late, {} incomplete, {} datagrams garbled, {} of other "
+          "types, {} of other avatars\n",
+          seen.lost, seen.late, seen.incomplete, seen.all_garbled(), seen.other_types,
+          seen.other_avatars);
+    }
   });
 }
 

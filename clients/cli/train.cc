@@ -280,6 +280,7 @@ void train(TrainOptions& options) {
     }
   }
   auto source = options.from.open(options.learner, library);
+  if (!wait_for_body(*source, options.learner, signals.token())) return;
   coach::CoachServiceOptions coach_options;
   // What it begins with comes first; the others can be chosen by session commands.
   coach_options.references = library.load_references();

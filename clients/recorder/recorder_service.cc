@@ -6,9 +6,7 @@
 #include <array>
 #include <chrono>
 #include <condition_variable>
-#include <fstream>
 #include <mutex>
-#include <sstream>
 #include <stdexcept>
 #include <vector>
 
@@ -16,6 +14,7 @@
 #include "bus/raw.h"
 #include "bus/topics.h"
 #include "bus/wait_set.h"
+#include "motion/whole_file.h"
 #include "recording/mcap_writer.h"
 
 namespace secondskin::recorder {
@@ -29,14 +28,6 @@ constexpr auto kFlushPeriod = 250ms;
 // After a stop the others' last words (scores, final states) are still under way.
 constexpr auto kLastWords = 150ms;
 
-std::string read_text(const std::filesystem::path& file) {
-  std::ifstream in(file);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw std::runtime_error(fmt::format("{}: cannot be read", file.string()));
-  return text.str();
-}
-
 std::filesystem::path with_folder(const std::filesystem::path& file) {
   if (file.has_parent_path()) std::filesystem::create_directories(file.parent_path());
   return file;
@@ -49,7 +40,7 @@ struct RecorderService::State {
       : raw(participant.config()),
         writer(with_folder(options.file)),
         health(participant, "recorder") {
-    const std::string idl = read_text(options.idl);
+    const std::string idl = read_whole_file(options.idl);
     for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
       const auto& info = bus::kTopics[t];
       channels[t] = writer.add_channel(
