@@ -9,6 +9,7 @@
 
 #include <fmt/core.h>
 #include <poll.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 
 #include <CLI/CLI.hpp>
@@ -64,6 +65,8 @@ class Client {
   /// Reads on a thread of its own until end().
   void take_all() {
     thread_ = std::jthread([this] {
+      // As if on another machine: after the session and the bridge.
+      ::setpriority(PRIO_PROCESS, static_cast<id_t>(::gettid()), 19);
       beast::flat_buffer buffer;
       beast::error_code error;
       while (!error) {

@@ -17,6 +17,7 @@
 
 #include "bus/stop_state.h"
 #include "clients/cli/common.h"
+#include "clients/history/profiles.h"
 #include "clients/tactor_driver/driver_core.h"
 #include "clients/tactor_driver/guardian.h"
 #include "coach/tactile/calibration.h"
@@ -43,6 +44,7 @@ struct Options {
   unsigned baud_rate = wire::SerialPort::kBaudRate;
   std::string body_map = "full_body";
   std::filesystem::path out;
+  std::string learner;
   std::vector<std::size_t> channels;
   double duration = 0.5;
   std::uint32_t presentations = 4;
@@ -367,6 +369,12 @@ void calibrate(Options& options) {
   if (options.channels.empty()) {
     for (const auto& tactor : map.tactors) options.channels.push_back(tactor.channel);
   }
+  if (options.out.empty() == options.learner.empty()) {
+    throw std::runtime_error("--out or --learner: expected one of them");
+  }
+  if (!options.learner.empty()) {
+    options.out = history::profile_of(Library().own_profiles(), options.learner);
+  }
   expect_writable(options.out);
   std::sort(options.channels.begin(), options.channels.end());
   options.channels.erase(std::unique(options.channels.begin(), options.channels.end()),
@@ -411,14 +419,17 @@ void add_calibrate_tactors(CLI::App& app) {
   auto* command = app.get_subcommand("calibrate")
                       ->add_subcommand("tactors", "what a learner feels, likes and tells apart");
   command->footer(
-      "Example:  secondskin calibrate tactors --port /dev/ttyUSB0 --out anna.toml\n"
+      "Example:  secondskin calibrate tactors --port /dev/ttyUSB0 --learner L-7K3M9Q\n"
       "Without a terminal the answers are read from standard input, a line each.");
   command->add_option("--port", options->port, "the tactor board's serial port, or 'virtual'")
       ->capture_default_str();
   command->add_option("--baud", options->baud_rate, "baud rate")->capture_default_str();
   command->add_option("--body-map", options->body_map, "where the tactors sit: name or .toml file")
       ->capture_default_str();
-  command->add_option("--out", options->out, "the learner's profile to write (.toml)")->required();
+  command->add_option("--out", options->out, "the learner's profile to write (.toml)");
+  command->add_option("--learner", options->learner,
+                      "instead of --out: a learner of the history, with whom the profile is "
+                      "deleted; --learner-profile takes the same name");
   command->add_option("--channels", options->channels, "only these (default: all of the map)")
       ->delimiter(',');
   command->add_option("--duration", options->duration, "of a presentation [s]")

@@ -276,7 +276,9 @@ fs::path own_files() {
 
 fs::path Library::own_history() const { return own_files() / "history.db"; }
 
+fs::path Library::own_profiles() const { return own_files() / "learners"; }
 fs::path Library::own_references() const { return own_files() / "reference_motions"; }
+fs::path Library::own_takes() const { return own_files() / "takes"; }
 fs::path Library::own_optical() const { return own_files() / "optical"; }
 fs::path Library::own_wearable() const { return own_files() / "wearable"; }
 
@@ -293,7 +295,8 @@ std::vector<fs::path> Library::references() const {
     std::set<fs::path> sorted;
     std::error_code error;
     for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-      if (fs::exists(it->path() / "motion.toml")) sorted.insert(it->path());
+      const bool being_made = it->path().filename().string().starts_with('.');
+      if (!being_made && fs::exists(it->path() / "motion.toml")) sorted.insert(it->path());
     }
     for (const auto& path : sorted) {
       if (names.insert(path.filename().string()).second) found.push_back(path);
@@ -440,6 +443,16 @@ StopOnSignal::~StopOnSignal() {
 std::string default_recording_name(const std::string& reference) {
   const std::time_t now = std::time(nullptr);
   return fmt::format("recordings/{:%Y-%m-%d_%H-%M-%S}_{}.mcap", fmt::localtime(now), reference);
+}
+
+void add_cue_options(CLI::App& command, coach::CoachSettings& settings) {
+  command.add_option("--max-cues", settings.max_cues, "joints cued at once")
+      ->check(CLI::Range(1, 16))
+      ->capture_default_str();
+  command
+      .add_option("--tolerance-scale", settings.tolerance_scale, "times the reference's tolerances")
+      ->check(CLI::Range(0.1, 10.0))
+      ->capture_default_str();
 }
 
 void add_plan_option(CLI::App& command, std::string& plan) {

@@ -58,6 +58,11 @@ class Library {
   /// Where `reference add` puts new ones: $XDG_DATA_HOME/secondskin/reference_motions.
   std::filesystem::path own_references() const;
 
+  /// Where takes are kept until they are deleted: $XDG_DATA_HOME/secondskin/takes.
+  std::filesystem::path own_takes() const;
+
+  /// Where profiles of learners are kept, LEARNER.toml: $XDG_DATA_HOME/secondskin/learners.
+  std::filesystem::path own_profiles() const;
   /// The history's database: $XDG_DATA_HOME/secondskin/history.db.
   std::filesystem::path own_history() const;
 
@@ -181,7 +186,9 @@ class StopOnSignal {
 
 std::string default_recording_name(const std::string& reference);
 
-/// --plan, for the commands that coach.
+/// --max-cues and --tolerance-scale, for the commands that coach.
+void add_cue_options(CLI::App& command, coach::CoachSettings& settings);
+/// --plan, for the same.
 void add_plan_option(CLI::App& command, std::string& plan);
 /// A line for each block: its repetitions, mean score and cues.
 void print_blocks(const coach::CoachSummary& summary);
@@ -203,6 +210,7 @@ void add_calibrate_tactors(CLI::App& app);   ///< after add_calibrate()
 void add_calibrate_wearable(CLI::App& app);  ///< after add_calibrate()
 void add_files(CLI::App& app);
 void add_reference(CLI::App& app);
+void add_reference_record(CLI::App& reference);
 void add_dashboard(CLI::App& app);
 void add_stream(CLI::App& app);
 void add_study(CLI::App& app);

@@ -21,9 +21,11 @@ void add_dashboard(CLI::App& app) {
   command->callback([options] {
     StopOnSignal signals;
     const Library library;
-    const auto prepared = options->page.prepare(options->bus.config.subject, library);
     bus::Participant participant(options->bus.configuration("secondskin_dashboard"));
     const SessionHistory history(participant, options->page, library);
+    const TakeRecording takes(participant, library);
+    auto prepared = options->page.prepare(options->bus.config.subject, library);
+    prepared.handlers.push_back(takes.handler());
     dashboard::DashboardService service(participant, prepared);
     fmt::print("dashboard: {}\n", page_address(prepared, service.port()));
     std::fflush(stdout);

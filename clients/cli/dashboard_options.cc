@@ -6,13 +6,16 @@
 
 #include <algorithm>
 #include <array>
+#include <cctype>
 #include <set>
 #include <stdexcept>
 #include <system_error>
 
+#include "clients/authoring/references_api.h"
 #include "clients/dashboard/library_api.h"
 #include "clients/dashboard/static_files.h"
 #include "clients/history/history_api.h"
+#include "clients/players/recordings_api.h"
 
 namespace secondskin::cli {
 namespace {
@@ -33,16 +36,20 @@ std::string random_token() {
   return text;
 }
 
-std::vector<coach::SessionPlan> all_plans(const Library& library) {
+/// Of the .toml files in a folder that comes with the program.
+std::set<std::string> names_in(const std::filesystem::path& folder) {
   std::set<std::string> names;
   std::error_code error;
-  const auto folder = library.root() / "plans";
   for (std::filesystem::directory_iterator it(folder, error), end; !error && it != end;
        it.increment(error)) {
     if (it->path().extension() == ".toml") names.insert(it->path().stem().string());
   }
+  return names;
+}
+
+std::vector<coach::SessionPlan> all_plans(const Library& library) {
   std::vector<coach::SessionPlan> plans;
-  for (const auto& name : names) {
+  for (const auto& name : names_in(library.root() / "plans")) {
     try {
       plans.push_back(library.load_plan(name));
     } catch (const std::exception& why) {
@@ -56,6 +63,16 @@ std::vector<coach::SessionPlan> all_plans(const Library& library) {
 std::filesystem::path database(const PageOptions& options, const Library& library) {
   if (options.history == PageOptions::kNoHistory) return {};
   return options.history.empty() ? library.own_history() : options.history;
+}
+
+/// As below, of a file under the library.
+const std::string& plain_name(const char* field, const std::string& name) {
+  const auto plain = [](unsigned char c) { return std::isalnum(c) || c == '_' || c == '-'; };
+  if (name.empty() || !std::all_of(name.begin(), name.end(), plain)) {
+    throw std::runtime_error(
+        fmt::format("{} '{:.64}': expected a name of letters, digits, '_' and '-'", field, name));
+  }
+  return name;
 }
 
 /// By name only: who asks over the network must not make us read any file.
@@ -86,6 +103,7 @@ dashboard::DashboardOptions PageOptions::prepare(
   dashboard::DashboardOptions options;
   options.web.bind = bind;
   options.web.port = port;
+  options.web.largest_body = authoring::kLargestImport;
   options.web.page = page.empty() ? library.page() : page;
   options.web.no_page = kNoPage;
   options.web.access = {token, allowed_origins};
@@ -98,6 +116,11 @@ dashboard::DashboardOptions PageOptions::prepare(
     }
     return known_reference(library, name);
   };
+  options.handlers.push_back(
+      authoring::references_api({.joint_maps = library.joint_maps(),
+                                 .idl = library.idl(),
+                                 .own = library.own_references(),
+                                 .references = [library] { return library.references(); }}));
   options.handlers.push_back(dashboard::handler(
       {.subject = subject,
        .version = SECONDSKIN_VERSION,
@@ -105,10 +128,27 @@ dashboard::DashboardOptions PageOptions::prepare(
                             dashboard::StaticFiles(options.web.page)] { return files.version(); },
        .history = !database(*this, library).empty(),
        .plans = [library] { return all_plans(library); },
+       .body_maps =
+           [library] {
+             const auto names = names_in(library.root() / "body_maps");
+             return std::vector<std::string>(names.begin(), names.end());
+           },
        .reference = options.reference}));
   if (const auto file = database(*this, library); !file.empty()) {
-    options.handlers.push_back(history::history_api(file));
+    options.handlers.push_back(history::history_api(file, library.own_profiles()));
   }
+  options.handlers.push_back(players::recordings_api(
+      {.folder = recordings,
+       .idl = library.idl(),
+       .library = {.reference = options.reference,
+                   .body_map =
+                       [library](const std::string& name) {
+                         return library.load_body_map(plain_name("body_map", name));
+                       },
+                   .plan =
+                       [library](const std::string& name) {
+                         return library.load_plan(plain_name("plan", name));
+                       }}}));
   return options;
 }
 
@@ -128,6 +168,26 @@ void SessionHistory::end() {
   thread_.join();
 }
 
+TakeRecording::TakeRecording(bus::Participant& participant, const Library& library) {
+  auto takes = std::make_shared<authoring::TakeStore>(library.own_takes(), library.joint_maps());
+  auto recorder = std::make_shared<authoring::TakeRecorder>(
+      participant, [takes](const authoring::Recorded& take) {
+        takes->add(take.motion, take.source, take.start_ns, take.faults);
+      });
+  handler_ = authoring::takes_api({.takes = takes,
+                                   .recorder = recorder,
+                                   .import =
+                                       [library](const std::filesystem::path& file) {
+                                         const auto source =
+                                             SourceOptions().open(file.string(), library);
+                                         return server::read_all(*source);
+                                       },
+                                   .joint_maps = library.joint_maps(),
+                                   .own = library.own_references(),
+                                   .references = [library] { return library.references(); }});
+  thread_ = std::jthread([recorder](std::stop_token stop) { recorder->run(stop); });
+}
+
 void add_page_options(CLI::App& command, PageOptions& options, const std::string& port_option) {
   command
       .add_option(port_option, options.port,
@@ -145,6 +205,10 @@ void add_page_options(CLI::App& command, PageOptions& options, const std::string
                      "a web page that may connect beside the dashboard's own, e.g. "
                      "https://app.foxglove.dev");
   command.add_option("--page", options.page, "the folder of another page");
+  command
+      .add_option("--recordings", options.recordings,
+                  "the folder of the recordings that the page can open")
+      ->capture_default_str();
   command.add_option("--history", options.history,
                      "the database that sessions are booked into, 'none': not at all (default: the "
                      "user's own, see 'secondskin history --help')");

@@ -6,6 +6,7 @@
 #include <thread>
 #include <vector>
 
+#include "clients/authoring/takes_api.h"
 #include "clients/cli/common.h"
 #include "clients/dashboard/dashboard_service.h"
 #include "clients/history/history_service.h"
@@ -21,6 +22,7 @@ struct PageOptions {
   std::filesystem::path page;     ///< empty: Library::page()
   std::filesystem::path history;  ///< empty: Library::own_history(); kNoHistory
   static constexpr const char* kNoHistory = "none";
+  std::filesystem::path recordings = "recordings";  ///< shown in the page
 
   /// Makes a token where one is needed and none was given.
   /// @param own  references that the library may not know, e.g. of a file on the command line
@@ -43,6 +45,21 @@ class SessionHistory {
 
  private:
   std::unique_ptr<history::HistoryService> service_;
+  std::jthread thread_;
+};
+
+/// Records references at the page: takes of whoever the subject's capture server measures.
+class TakeRecording {
+ public:
+  TakeRecording(bus::Participant& participant, const Library& library);
+  TakeRecording(const TakeRecording&) = delete;
+  TakeRecording& operator=(const TakeRecording&) = delete;
+
+  /// Answers while this lives.
+  dashboard::HttpHandler handler() const { return handler_; }
+
+ private:
+  dashboard::HttpHandler handler_;
   std::jthread thread_;
 };
 

@@ -9,7 +9,9 @@
 #include "bus/pose_messages.h"
 #include "bus/raw.h"
 #include "bus/topics.h"
+#include "clients/authoring/export_motion.h"
 #include "clients/cli/common.h"
+#include "clients/players/coach_rerun.h"
 #include "clients/recorder/coach_replay.h"
 #include "coach/align/aligner.h"
 #include "coach/score/offline.h"
@@ -39,91 +41,19 @@ double seconds(std::int64_t ns) { return static_cast<double>(ns) * 1e-9; }
 
 // ---- export
 
-/// Writes beside the file's place and renames, so that the file appears whole or not at all.
-void write_whole(const fs::path& file, const std::function<void(std::ostream&)>& fill) {
-  fs::path part = file;
-  part += ".part";
-  std::ofstream out(part, std::ios::binary);
-  if (!out) {
-    throw std::system_error(errno, std::generic_category(),
-                            fmt::format("{}: cannot be written", file.string()));
-  }
-  fill(out);
-  out.close();
-  if (!out) {
-    const int error = errno;
-    fs::remove(part);
-    throw std::system_error(error, std::generic_category(),
-                            fmt::format("{}: cannot be written", file.string()));
-  }
-  fs::rename(part, file);
-}
-
-void export_csv(server::PoseSource& source, const fs::path& file) {
-  write_whole(file, [&](std::ostream& out) {
-    write_angle_csv_header(out);
-    std::optional<std::int64_t> start;
-    server::for_each_pose(source, [&](const StampedPose& pose) {
-      if (!start) start = pose.stamp_ns;
-      if (pose.pose.is_valid())
-        write_angle_csv_row(out, seconds(pose.stamp_ns - *start), pose.pose);
-    });
-  });
-}
-
-void export_mcap(server::PoseSource& source, const std::string& name, const Library& library,
-                 const fs::path& file) {
-  std::ifstream idl_file(library.idl());
-  const std::string idl{std::istreambuf_iterator<char>(idl_file), {}};
-  recording::McapWriter writer(file);
-  const auto bodies = writer.add_channel("/secondskin/export/skeleton",
-                                         "secondskin_msgs::msg::SkeletonDefinition", "omgidl", idl);
-  const auto poses = writer.add_channel("/secondskin/export/pose",
-                                        "secondskin_msgs::msg::SkeletonPose", "omgidl", idl);
-  const std::uint32_t id = bus::skeleton_id(source.skeleton());
-  msg::SkeletonPose message;
-  std::uint32_t count = 0;
-  server::for_each_pose(source, [&](const StampedPose& pose) {
-    if (count == 0) {
-      msg::SkeletonDefinition body;
-      bus::to_message(source.skeleton(), name, source.rate_hz(), body);
-      body.publish_ns(pose.stamp_ns);
-      writer.write(bodies, 1, pose.stamp_ns, pose.stamp_ns, bus::encode(body));
-    }
-    bus::to_message(pose, id, message);
-    message.header().publish_ns(pose.stamp_ns);
-    writer.write(poses, ++count, pose.stamp_ns, pose.stamp_ns, bus::encode(message));
-  });
-  writer.close();
-}
-
-/// A source's markers: its own, or its joints' centres.
-MarkerMotion markers_of(server::PoseSource& source) {
+/// A source's own markers; nothing where it has none.
+std::optional<MarkerMotion> own_markers(server::PoseSource& source) {
   if (const auto* own = dynamic_cast<server::MarkerSource*>(&source)) return own->markers();
+  auto* optical = optical_of(source);
+  if (optical == nullptr) return {};
   MarkerMotion out;
   out.rate_hz = source.rate_hz();
-  if (auto* optical = optical_of(source)) {
-    out.names = optical->names();
-    optical->observe([&out](const server::OpticalSource& from, server::Next what) {
-      if (what == server::Next::kPose) out.frames.push_back(from.points());
-    });
-    server::for_each_pose(source, [](const StampedPose&) {});
-    optical->observe({});
-    return out;
-  }
-  const Motion motion = server::read_all(source);
-  out.rate_hz = motion.rate_hz;
-  std::vector<Eigen::Isometry3d> X_WB(motion.skeleton.size());
-  for (const auto& segment : motion.skeleton.segments()) out.names.push_back(segment.name);
-  for (const Pose& pose : motion.poses) {
-    forward_kinematics(motion.skeleton, pose.p_WR, pose.q_PB, X_WB);
-    MarkerFrame frame(X_WB.size());
-    for (std::size_t j = 0; j < X_WB.size(); ++j) {
-      frame.p_WM[j] = X_WB[j].translation();
-      frame.visible[j] = pose.confidence[j] > 0.0F ? 1 : 0;
-    }
-    out.frames.push_back(std::move(frame));
-  }
+  out.names = optical->names();
+  optical->observe([&out](const server::OpticalSource& from, server::Next what) {
+    if (what == server::Next::kPose) out.frames.push_back(from.points());
+  });
+  server::for_each_pose(source, [](const StampedPose&) {});
+  optical->observe({});
   return out;
 }
 
@@ -176,17 +106,12 @@ void export_command(CLI::App& app) {
       spdlog::info("exporting until Ctrl-C");
     }
     const std::string kind = options->to.extension().string();
-    if (kind == ".csv") {
-      export_csv(*source, options->to);
-    } else if (kind == ".bvh") {
-      write_bvh(server::read_all(*source), options->to);
-    } else if (kind == ".mcap") {
-      export_mcap(*source, options->source, library, options->to);
-    } else if (kind == ".c3d" || kind == ".trc") {
-      write_markers(markers_of(*source), options->to);
+    std::optional<MarkerMotion> markers;
+    if (kind == ".c3d" || kind == ".trc") markers = own_markers(*source);
+    if (markers) {
+      write_markers(*markers, options->to);
     } else {
-      throw std::runtime_error(
-          fmt::format("--to {}: expected .bvh, .csv, .c3d, .trc or .mcap", options->to.string()));
+      authoring::export_source(*source, options->source, library.idl(), options->to);
     }
     spdlog::info("wrote {}", options->to.string());
   });
@@ -490,6 +415,44 @@ void play(const fs::path& file, const bus::Config& config, double speed, std::st
   fmt::print("replay: {} messages played\n", played);
 }
 
+void rerun(const fs::path& file, const players::RerunSettings& settings, const fs::path& to,
+           bool as_json) {
+  const Library library;
+  const auto replay = library.for_replay();
+  const players::RerunLibrary all{
+      .reference = replay.reference,
+      .body_map = replay.body_map,
+      .plan = [&library](const std::string& name) { return library.load_plan(name); }};
+  if (fs::exists(to)) throw std::runtime_error(fmt::format("{}: exists already", to.string()));
+  fs::path part = to;
+  part += ".part";
+  fs::remove(part);
+  players::RerunResult result;
+  try {
+    result = players::rerun_coach(file, library.idl(), all, settings, part);
+  } catch (...) {
+    fs::remove(part);
+    throw;
+  }
+  fs::rename(part, to);
+  if (as_json) {
+    json totals = json::array();
+    for (const auto& score : result.repetitions) totals.push_back(score.total);
+    fmt::print("{}\n", json{{"frames", result.frames},
+                            {"cues", result.cues},
+                            {"totals", totals},
+                            {"remarks", result.remarks}}
+                           .dump(2));
+    return;
+  }
+  for (const auto& score : result.repetitions) {
+    fmt::print("repetition {}: score {:5.1f}, {} cues\n", score.repetition, score.total,
+               score.cues);
+  }
+  fmt::print("{} frames, {} cues; wrote {}\n", result.frames, result.cues, to.string());
+  for (const auto& remark : result.remarks) fmt::print("note: {}\n", remark);
+}
+
 void replay_command(CLI::App& app) {
   struct Options {
     BusOptions bus;
@@ -497,11 +460,14 @@ void replay_command(CLI::App& app) {
     double speed = 1.0;
     bool coach = false;
     bool json = false;
+    players::RerunSettings other;
+    fs::path to;
   };
   auto options = std::make_shared<Options>();
   auto* command = app.add_subcommand("replay", "play a recording, or run the coach over it again");
   command->footer(
       "Example:  secondskin replay session.mcap --coach\n"
+      "          secondskin replay session.mcap --coach --tolerance-scale 2 --to wider.mcap\n"
       "Without --coach the recording is published for dashboards to see; tactors stay still. With\n"
       "it the coach runs again on the recorded poses and its commands are compared byte for byte.");
   command->add_option("file", options->file, "a recording (.mcap)")
@@ -512,8 +478,27 @@ void replay_command(CLI::App& app) {
       ->capture_default_str();
   command->add_flag("--coach", options->coach, "run the coach again and compare its commands");
   command->add_flag("--json", options->json, "with --coach: the result as JSON");
+  auto* to = command->add_option("--to", options->to,
+                                 "with --coach: do not compare; write what the coach does with the "
+                                 "settings below, else the recorded ones, into OUT.mcap");
+  command->add_option("--reference", options->other.reference, "name, folder or motion file")
+      ->needs(to);
+  command->add_option("--tolerance-scale", options->other.tolerance_scale)
+      ->check(CLI::Range(0.1, 10.0))
+      ->needs(to);
+  command->add_option("--max-cues", options->other.max_cues)
+      ->check(CLI::Range(1u, static_cast<unsigned>(kJointCount)))
+      ->needs(to);
+  command->add_option("--body-map", options->other.body_map, "name or .toml file")->needs(to);
+  command->add_option("--plan", options->other.plan, "name or .toml file; none: always cued")
+      ->needs(to);
   add_bus_options(*command, options->bus);
   command->callback([options] {
+    if (!options->coach && !options->to.empty()) {
+      throw CLI::ValidationError("--to", "expected --coach with it");
+    }
+    if (!options->to.empty())
+      return rerun(options->file, options->other, options->to, options->json);
     if (!options->coach) {
       StopOnSignal signals;
       play(options->file, options->bus.configuration("secondskin_replay"), options->speed,

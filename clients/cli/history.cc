@@ -10,7 +10,9 @@
 #include "clients/history/history.h"
 #include "clients/history/history_json.h"
 #include "clients/history/pdf.h"
+#include "clients/history/profiles.h"
 #include "clients/history/report.h"
+#include "clients/players/recordings.h"
 #include "motion/whole_file.h"
 
 /// Looks into the history of learners' sessions, and keeps it: `secondskin history`.
@@ -27,6 +29,7 @@ struct HistoryOptions {
   std::string learner, note, reference, format;
   std::int64_t session = 0;
   fs::path to;
+  fs::path recordings = "recordings";
 
   fs::path file() const { return database.empty() ? Library().own_history() : database; }
 
@@ -224,12 +227,26 @@ void forget(const HistoryOptions& options) {
       return;
     }
   }
+  // First what the history leads to: if that fails, the learner is still there to try again.
+  const auto recordings = players::Recordings(options.recordings).forget(learner.id);
+  const auto profiles = history::remove_profile(Library().own_profiles(), learner.id);
   from.forget(learner.id);
-  if (options.as_json) return print({{"deleted", learner.id}, {"sessions", learner.sessions}});
+  json kept = json::array();
+  for (const auto& [name, why] : recordings.kept) kept.push_back({{"name", name}, {"why", why}});
+  if (options.as_json) {
+    return print({{"deleted", learner.id},
+                  {"sessions", learner.sessions},
+                  {"recordings", recordings.removed},
+                  {"profiles", profiles},
+                  {"kept", std::move(kept)}});
+  }
+  fmt::print("Deleted learner {} with {} sessions and {} recordings in {}.\n", learner.id,
+             learner.sessions, recordings.removed.size(), options.recordings.string());
+  for (const auto& name : profiles) fmt::print("Deleted {}\n", name);
+  for (const auto& [name, why] : recordings.kept) fmt::print("Kept {}: {}\n", name, why);
   fmt::print(
-      "Deleted learner {} with {} sessions. Recordings, exports, reports and backups are "
-      "files of their own: delete those, too.\n",
-      learner.id, learner.sessions);
+      "What you saved elsewhere is not known here: exports, reports, backups, recordings, tactile "
+      "profiles made with --out and the exposure files beside them. Delete those, too.\n");
 }
 
 }  // namespace
@@ -283,10 +300,14 @@ void add_history(CLI::App& app) {
   out->add_option("--to", options->to, "FILE.csv or FILE.json (default: standard output)");
   out->add_option("--format", options->format, "csv or json, instead of the name's")
       ->check(CLI::IsMember({"csv", "json"}));
-  learner(command("delete", "remove a learner and all that is kept of them",
-                  "secondskin history delete L-7K3M9Q --yes", forget),
-          true)
-      ->add_flag("--yes", options->yes, "do not ask");
+  auto* remove = learner(command("delete", "remove a learner and all that is kept of them",
+                                 "secondskin history delete L-7K3M9Q --yes", forget),
+                         true);
+  remove->add_flag("--yes", options->yes, "do not ask");
+  remove
+      ->add_option("--recordings", options->recordings,
+                   "the folder of the recordings, from which theirs go, too")
+      ->capture_default_str();
 }
 
 }  // namespace secondskin::cli

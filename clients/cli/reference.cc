@@ -1,12 +1,13 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <fstream>
 #include <nlohmann/json.hpp>
 
+#include "clients/authoring/export_motion.h"
+#include "clients/authoring/save.h"
 #include "clients/cli/common.h"
-#include "motion/bvh.h"
 #include "server/open_source.h"
+#include "server/replay/motion_source.h"
 
 namespace secondskin::cli {
 namespace {
@@ -78,21 +79,8 @@ struct AddOptions {
   SourceOptions from;
 };
 
-std::string toml_string(const std::string& text) { return json(text).dump(); }
-
 void add(const AddOptions& options) {
   const Library library;
-  const bool plain = !options.name.empty() && options.name.find('/') == std::string::npos &&
-                     options.name.front() != '.' && options.name.size() <= 64;
-  if (!plain) {
-    throw std::runtime_error(fmt::format(
-        "name '{}': expected 1 to 64 characters, no '/', not beginning with '.'", options.name));
-  }
-  const fs::path folder = library.own_references() / options.name;
-  if (fs::exists(folder)) {
-    throw std::runtime_error(
-        fmt::format("{}: exists already; remove it or choose another --name", folder.string()));
-  }
   const auto source = options.from.open(options.source, library);
   Motion motion = server::read_all(*source);
   const double end = options.end.value_or(motion.duration());
@@ -105,30 +93,20 @@ void add(const AddOptions& options) {
   };
   motion = slice(motion, at(options.start), std::min(at(end) + 1, motion.poses.size()));
 
-  // Made under another name and renamed, so that no half reference is ever seen.
-  fs::path part = folder;
-  part += ".part";
-  fs::remove_all(part);
-  fs::create_directories(part);
-  write_bvh(motion, part / "motion.bvh");
-  std::ofstream toml(part / "motion.toml");
-  toml << fmt::format(
-      "# Which joints matter and how exactly. See docs/user-guide.md.\n"
-      "name = {}\ndescription = {}\norigin = {}\nlicence = \"private\"\nstanding = false\n\n"
-      "[weights]\ndefault = 1.0\n\n[tolerances_deg]\ndefault = {:g}\n",
-      toml_string(options.name), toml_string(options.description), toml_string(options.source),
-      coach::kDefaultTolerance_deg);
-  toml.close();
-  if (!toml) throw std::runtime_error(fmt::format("{}: cannot be written", part.string()));
-  fs::rename(part, folder);
-  fmt::print("reference '{}' ({:.2f} s) is in {}\n", options.name, motion.duration(),
-             folder.string());
+  const double duration = motion.duration();
+  auto recipe = authoring::plain_recipe(options.name, {std::move(motion)});
+  recipe.description = options.description;
+  recipe.origin = options.source;
+  const fs::path folder =
+      authoring::save_reference(recipe, library.own_references(), library.joint_maps());
+  fmt::print("reference '{}' ({:.2f} s) is in {}\n", options.name, duration, folder.string());
 }
 
 }  // namespace
 
 void add_reference(CLI::App& app) {
-  auto* command = app.add_subcommand("reference", "list, show and add reference motions");
+  auto* command =
+      app.add_subcommand("reference", "list, show, record, add and export reference motions");
   command->require_subcommand(1);
   command->footer("Example:  secondskin reference add my_squat.bvh --name squat --end 4.5");
 
@@ -155,6 +133,25 @@ void add_reference(CLI::App& app) {
   add_command->add_option("--end", options->end, "cut to here [s] (default: the end)");
   add_source_options(*add_command, options->from);
   add_command->callback([options] { add(*options); });
+
+  auto to = std::make_shared<fs::path>();
+  auto* export_command = command->add_subcommand(
+      "export", "the mean of a reference's performances as a file for other programs");
+  export_command->footer("Example:  secondskin reference export squat --to squat.c3d");
+  export_command->add_option("name", *name, "name, folder or motion file")->required();
+  export_command
+      ->add_option("--to", *to,
+                   "FILE.bvh, FILE.csv, FILE.c3d, FILE.trc or FILE.mcap; c3d and trc "
+                   "hold the joints' centres")
+      ->required();
+  export_command->callback([name, to] {
+    const Library library;
+    server::MotionSource source(library.load_reference(*name)->motion);
+    authoring::export_source(source, "reference:" + *name, library.idl(), *to);
+    spdlog::info("wrote {}", to->string());
+  });
+
+  add_reference_record(*command);
 }
 
 }  // namespace secondskin::cli

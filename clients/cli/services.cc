@@ -96,14 +96,7 @@ void coach(CLI::App& app) {
       ->capture_default_str();
   command->add_option("--body-map", options->body_map, "where the tactors sit: name or .toml file")
       ->capture_default_str();
-  command->add_option("--max-cues", options->settings.max_cues, "joints cued at once")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  command
-      ->add_option("--tolerance-scale", options->settings.tolerance_scale,
-                   "times the reference's tolerances")
-      ->check(CLI::Range(0.1, 10.0))
-      ->capture_default_str();
+  add_cue_options(*command, options->settings);
   add_plan_option(*command, options->plan);
   command->add_flag("--wait", options->wait, "begin only when a session command says so");
   add_tactile_options(*command, options->tactile);

@@ -337,14 +337,7 @@ void add_study(CLI::App& app) {
   command->add_option("--schedule", options->schedule, "when practice is cued")
       ->check(CLI::IsMember({"always", "fading"}))
       ->capture_default_str();
-  command->add_option("--max-cues", protocol.settings.max_cues, "joints cued at once")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  command
-      ->add_option("--tolerance-scale", protocol.settings.tolerance_scale,
-                   "times the reference's tolerances")
-      ->check(CLI::Range(0.1, 10.0))
-      ->capture_default_str();
+  add_cue_options(*command, protocol.settings);
   command->add_flag("--sensitivity", options->sensitivity,
                     "also with other reaction times, missed and misread cues, and K");
   command->add_option("--seed", options->seed, "another one draws other people")

@@ -60,7 +60,21 @@ void add_tactile_options(CLI::App& command, TactileOptions& options) {
       .add_option(
           "--learner-profile", options.profile,
           "the learner's skin, from 'calibrate tactors'; keeps the day's exposure beside it")
-      ->check(CLI::ExistingFile);
+      ->transform(CLI::Validator(
+          [](std::string& given) -> std::string {
+            if (std::filesystem::is_regular_file(given)) return {};
+            const auto own = Library().own_profiles() / (given + ".toml");
+            const bool plain = given.find('/') == given.npos;
+            if (!plain || !std::filesystem::is_regular_file(own)) {
+              return fmt::format(
+                  "{}: expected a file, or a learner with one of 'calibrate tactors "
+                  "--learner'",
+                  given);
+            }
+            given = own.string();
+            return {};
+          },
+          "FILE or LEARNER"));
   command
       .add_option("--safe-range", options.safe_range,
                   "joint limits (.toml); leaving them is cued at once, whatever the reference")

@@ -232,11 +232,13 @@ std::string block_words(const msg::SessionState& state) {
 /// is worth more.
 std::unique_ptr<dashboard::DashboardService> serve_page(
     bus::Participant& participant, const TrainOptions& options, const Library& library,
-    std::shared_ptr<const coach::Reference> reference) {
+    std::shared_ptr<const coach::Reference> reference, const std::optional<TakeRecording>& takes) {
   std::unique_ptr<dashboard::DashboardService> page;
-  if (options.page.port == 0) return page;
-  const auto prepared =
-      options.page.prepare(options.bus.config.subject, library, {std::move(reference)});
+  if (!takes) return page;
+  PageOptions with = options.page;
+  if (options.recording.has_parent_path()) with.recordings = options.recording.parent_path();
+  auto prepared = with.prepare(options.bus.config.subject, library, {std::move(reference)});
+  prepared.handlers.push_back(takes->handler());
   try {
     page = std::make_unique<dashboard::DashboardService>(participant, prepared);
     fmt::print("Dashboard: {}\n", page_address(prepared, page->port()));
@@ -332,19 +334,21 @@ void train(TrainOptions& options) {
   coach::CoachSummary coach_summary;
   server::CaptureCounts capture_counts;
   SessionHistory history(participant, options.page, library);  // hears the session from its start
-  const auto page = serve_page(participant, options, library, reference);
+  std::optional<TakeRecording> takes;
+  if (options.page.port != 0) takes.emplace(participant, library);
+  const auto page = serve_page(participant, options, library, reference, takes);
   std::jthread page_thread;
   if (page) page_thread = std::jthread([&page](std::stop_token stop) { page->run(stop); });
   std::jthread recorder_thread([&](std::stop_token stop) { recording = recorder.run(stop); });
   std::jthread tactor_thread([&](std::stop_token stop) { tactor_summary = tactors.run(stop); });
   std::jthread coach_thread([&](std::stop_token stop) { coach_summary = coach.run(stop); });
 
-  // Two readers beside the server's own: coach and recorder.
+  // Readers beside the server's own: coach and recorder, and that of takes.
   server::CaptureService capture(participant, *source,
                                  {.source_name = options.learner,
                                   .speed = options.speed,
                                   .loop = options.loop || interactive,
-                                  .wait_for_readers = 2});
+                                  .wait_for_readers = takes ? 3U : 2U});
   wait_for_session(states, signals.token());
   if (!recorder.wait_until_heard(
           optical_of(*source) != nullptr ? kTopicsOfAnOpticalSession : kTopicsOfASession,
@@ -429,14 +433,7 @@ void add_train(CLI::App& app) {
   command->add_option("--baud", options->baud_rate, "baud rate")->capture_default_str();
   command->add_option("--body-map", options->body_map, "where the tactors sit: name or .toml file")
       ->capture_default_str();
-  command->add_option("--max-cues", options->settings.max_cues, "joints cued at once")
-      ->check(CLI::Range(1, 16))
-      ->capture_default_str();
-  command
-      ->add_option("--tolerance-scale", options->settings.tolerance_scale,
-                   "times the reference's tolerances")
-      ->check(CLI::Range(0.1, 10.0))
-      ->capture_default_str();
+  add_cue_options(*command, options->settings);
   command->add_option("--recording", options->recording,
                       "the file to record into (default: recordings/DATE_REFERENCE.mcap)");
   command->add_option("--speed", options->speed, "play the learner so many times as fast")

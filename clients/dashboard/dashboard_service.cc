@@ -5,8 +5,6 @@
 
 #include <array>
 #include <chrono>
-#include <fstream>
-#include <sstream>
 #include <stdexcept>
 #include <thread>
 
@@ -18,6 +16,7 @@
 #include "clients/dashboard/foxglove_server.h"
 #include "clients/dashboard/live_scene.h"
 #include "clients/dashboard/orders.h"
+#include "motion/whole_file.h"
 
 namespace secondskin::dashboard {
 
@@ -34,14 +33,6 @@ std::size_t place_of(Drawn drawn) { return bus::kTopics.size() + static_cast<std
 template <class Message>
 constexpr std::size_t place_of() {
   return bus::kTopicOf<Message>;
-}
-
-std::string read_text(const std::filesystem::path& file) {
-  std::ifstream in(file);
-  std::ostringstream text;
-  text << in.rdbuf();
-  if (!in) throw std::runtime_error(fmt::format("{}: cannot be read", file.string()));
-  return text.str();
 }
 
 std::string topic_of(const std::string& subject, std::string_view name) {
@@ -65,7 +56,7 @@ Keep keep_of(std::size_t topic) {
 }
 
 std::vector<ServedChannel> channels(const std::string& subject, const DashboardOptions& options) {
-  const std::string idl = read_text(options.idl);
+  const std::string idl = read_whole_file(options.idl);
   std::vector<ServedChannel> list;
   for (std::size_t t = 0; t < bus::kTopics.size(); ++t) {
     const auto& info = bus::kTopics[t];
@@ -81,12 +72,13 @@ std::vector<ServedChannel> channels(const std::string& subject, const DashboardO
   list.push_back(std::move(expert));
   for (const auto& [topic, type] :
        {std::pair("/tf", "FrameTransforms"), {"/scene", "SceneUpdate"}}) {
-    list.push_back({{.topic = topic,
-                     .encoding = "json",
-                     .schema_name = fmt::format("foxglove.{}", type),
-                     .schema = read_text(options.foxglove_schemas / fmt::format("{}.json", type)),
-                     .schema_encoding = "jsonschema"},
-                    Keep::kStream});
+    list.push_back(
+        {{.topic = topic,
+          .encoding = "json",
+          .schema_name = fmt::format("foxglove.{}", type),
+          .schema = read_whole_file(options.foxglove_schemas / fmt::format("{}.json", type)),
+          .schema_encoding = "jsonschema"},
+         Keep::kStream});
   }
   return list;
 }

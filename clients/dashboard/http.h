@@ -1,5 +1,6 @@
 #pragma once
 
+#include <filesystem>
 #include <functional>
 #include <map>
 #include <optional>
@@ -20,6 +21,8 @@ struct HttpResponse {
   std::string content_type = "application/json";
   std::string body;
   std::string file_name;  ///< offered for download; empty: shown
+  /// Sent in the place of `body` where it is given: whole or the asked range, never held in memory.
+  std::filesystem::path file = {};
 };
 
 /// Answers the requests that are its own; nothing for another's. Called on a worker thread, one at

@@ -3,8 +3,9 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <boost/asio/write.hpp>
 
-#include "clients/dashboard/worker.h"
+#include "clients/dashboard/json_answer.h"
 
 namespace secondskin::dashboard {
 
@@ -50,12 +51,30 @@ void HttpSession::read() {
   parser_->header_limit(kLargestHeader);
   parser_->body_limit(host_.settings().largest_body);
   stream_.expires_after(kPatience);
-  http::async_read(stream_, incoming_, *parser_,
-                   [self = shared_from_this()](Error error, std::size_t) {
-                     if (error) return self->reject_unreadable(error);
-                     self->request_ = self->parser_->release();
-                     self->take();
-                   });
+  http::async_read_header(stream_, incoming_, *parser_,
+                          [self = shared_from_this()](Error error, std::size_t) {
+                            if (error) return self->reject_unreadable(error);
+                            self->read_body();
+                          });
+}
+
+// A stranger's body is not even read, so it takes no memory.
+void HttpSession::read_body() {
+  request_ = Request(parser_->get().base());
+  if (!parser_->is_done()) request_.keep_alive(false);  // should it be answered before
+  auto target = parse_target(view(request_.target()));
+  if (!target) {
+    return write(
+        error_response(400, "target: expected a path that begins with / and whole escapes"));
+  }
+  if (!may_pass(*target)) return;
+  http::async_read(
+      stream_, incoming_, *parser_,
+      [self = shared_from_this(), target = std::move(*target)](Error error, std::size_t) {
+        if (error) return self->reject_unreadable(error);
+        self->request_ = self->parser_->release();
+        self->take(target);
+      });
 }
 
 void HttpSession::close() {
@@ -78,27 +97,21 @@ void HttpSession::reject_unreadable(const Error& error) {
   }
 }
 
-void HttpSession::take() {
-  const auto target = parse_target(view(request_.target()));
-  if (!target) {
-    return write(
-        error_response(400, "target: expected a path that begins with / and whole escapes"));
-  }
-  if (!may_pass(*target)) return;
+void HttpSession::take(const Target& target) {
   if (beast::websocket::is_upgrade(request_)) return upgrade();
-  if (target->path.starts_with("/api/") || target->path == "/api") {
+  if (target.path.starts_with("/api/") || target.path == "/api") {
     // Until the handler has answered nobody is late.
     stream_.expires_never();
     return host_.answer(
-        {std::string(view(request_.method_string())), target->path, target->query,
+        {std::string(view(request_.method_string())), target.path, target.query,
          std::move(request_.body())},
         [self = shared_from_this()](HttpResponse response) { self->write(std::move(response)); });
   }
   if (request_.method() != http::verb::get && request_.method() != http::verb::head) {
     return write(error_response(
-        405, fmt::format("{} {}: expected GET", view(request_.method_string()), target->path)));
+        405, fmt::format("{} {}: expected GET", view(request_.method_string()), target.path)));
   }
-  serve_file(*target);
+  serve_file(target);
 }
 
 bool HttpSession::may_pass(const Target& target) {
@@ -174,6 +187,7 @@ void HttpSession::serve_file(const Target& target) {
 }
 
 void HttpSession::write(HttpResponse from, std::string_view set_cookie) {
+  if (!from.file.empty()) return send_file(std::move(from));
   Response answer = response(from.status, from.content_type, std::move(from.body));
   answer.set(http::field::cache_control, "no-store");
   if (!from.file_name.empty()) {
@@ -204,13 +218,64 @@ void HttpSession::write(Response answer) {
   response_ = std::move(answer);
   stream_.expires_after(kPatience);
   http::async_write(stream_, response_, [self = shared_from_this()](Error error, std::size_t) {
-    if (error || !self->response_.keep_alive()) {
-      Error ignored;
-      self->stream_.socket().shutdown(asio::ip::tcp::socket::shutdown_send, ignored);
-      return;
-    }
-    self->read();
+    self->finished(!error && self->response_.keep_alive());
   });
+}
+
+void HttpSession::send_file(HttpResponse from) {
+  auto file = FileBody::open(from.file);
+  if (!file) return write(error_response(404, "the file is gone"));
+  const bool known = view(request_[http::field::if_none_match]) == file->etag();
+  const auto if_range = view(request_[http::field::if_range]);
+  const bool ranged = !known && (if_range.empty() || if_range == file->etag());
+  const auto range = ranged ? file->seek(view(request_[http::field::range])) : Range::kWhole;
+  const unsigned status = known                            ? 304
+                          : range == Range::kPart          ? 206
+                          : range == Range::kUnsatisfiable ? 416
+                                                           : from.status;
+  // The body is sent behind it: only the header is of this message.
+  response_ = response(status, from.content_type, {});
+  response_.set(http::field::etag, file->etag());
+  response_.set(http::field::accept_ranges, "bytes");
+  response_.set(http::field::cache_control, "no-cache");
+  const bool body = status == from.status || status == 206;
+  if (status == 206 || status == 416) {
+    response_.set(http::field::content_range, file->content_range(range));
+  }
+  response_.content_length(body ? file->left() : 0);
+  if (status == 304) response_.erase(http::field::content_length);
+  file_.reset();
+  if (body && request_.method() != http::verb::head) file_ = std::move(*file);
+  auto header = std::make_shared<http::response_serializer<http::string_body>>(response_);
+  stream_.expires_after(kPatience);
+  http::async_write_header(stream_, *header,
+                           [self = shared_from_this(), header](Error error, std::size_t) {
+                             if (error) return self->finished(false);
+                             self->send_rest();
+                           });
+}
+
+void HttpSession::send_rest() {
+  if (!file_ || file_->left() == 0) {
+    file_.reset();
+    return finished(response_.keep_alive());
+  }
+  const auto block = file_->next();
+  if (block.empty())
+    return finished(false);  // it became shorter: the client must not wait for more
+  stream_.expires_after(kPatience);
+  asio::async_write(stream_, asio::buffer(block.data(), block.size()),
+                    [self = shared_from_this()](Error error, std::size_t) {
+                      if (error) return self->finished(false);
+                      self->send_rest();
+                    });
+}
+
+void HttpSession::finished(bool keep_alive) {
+  if (keep_alive) return read();
+  file_.reset();
+  Error ignored;
+  stream_.socket().shutdown(asio::ip::tcp::socket::shutdown_send, ignored);
 }
 
 }  // namespace secondskin::dashboard

@@ -5,6 +5,7 @@
 #include <memory>
 #include <optional>
 
+#include "clients/dashboard/file_body.h"
 #include "clients/dashboard/static_files.h"
 #include "clients/dashboard/websocket_session.h"
 
@@ -40,7 +41,8 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   using Request = WebSocketSession::Request;
   using Response = boost::beast::http::response<boost::beast::http::string_body>;
 
-  void take();
+  void read_body();
+  void take(const Target& target);
   void reject_unreadable(const boost::system::error_code& error);
   /// @returns whether it may go on; else it was answered.
   bool may_pass(const Target& target);
@@ -48,6 +50,9 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   void serve_file(const Target& target);
   void write(HttpResponse response, std::string_view set_cookie = {});
   void write(Response response);
+  void send_file(HttpResponse from);
+  void send_rest();  ///< of the file
+  void finished(bool keep_alive);
   Response response(unsigned status, std::string_view content_type, std::string body) const;
 
   boost::beast::tcp_stream stream_;
@@ -56,6 +61,7 @@ class HttpSession : public std::enable_shared_from_this<HttpSession> {
   std::optional<boost::beast::http::request_parser<boost::beast::http::string_body>> parser_;
   Request request_;
   Response response_;
+  std::optional<FileBody> file_;
 };
 
 }  // namespace secondskin::dashboard

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "clients/dashboard/worker.h"
+#include "clients/dashboard/json_answer.h"
 
 namespace secondskin::dashboard {
 namespace {
@@ -57,29 +57,29 @@ Json json_of(const coach::Reference& reference) {
           {"joints", std::move(joints)}};
 }
 
-HttpResponse response(const Json& json) {
-  return {.body = json.dump(-1, ' ', false, Json::error_handler_t::replace), .file_name = {}};
-}
-
 std::optional<HttpResponse> answer(const LibraryApi& api, const HttpRequest& request) {
   const bool reference = request.path.starts_with(kReferences);
-  if (request.path != "/api/info" && request.path != "/api/plans" && !reference) return {};
+  const bool body_maps = request.path == "/api/body_maps";
+  if (request.path != "/api/info" && request.path != "/api/plans" && !body_maps && !reference) {
+    return {};
+  }
   if (request.method != "GET") {
     return error_response(405, fmt::format("{}: expected GET", request.path));
   }
   if (request.path == "/api/info") {
-    return response({{"subject", api.subject},
-                     {"version", api.version},
-                     {"page_version", api.page_version()},
-                     {"history", api.history}});
+    return json_answer(200, {{"subject", api.subject},
+                             {"version", api.version},
+                             {"page_version", api.page_version()},
+                             {"history", api.history}});
   }
+  if (body_maps) return json_answer(200, api.body_maps());
   if (request.path == "/api/plans") {
     Json plans = Json::array();
     for (const auto& plan : api.plans()) plans.push_back(json_of(plan));
-    return response(plans);
+    return json_answer(200, plans);
   }
   try {
-    return response(json_of(*api.reference(request.path.substr(kReferences.size()))));
+    return json_answer(200, json_of(*api.reference(request.path.substr(kReferences.size()))));
   } catch (const std::runtime_error& error) {
     return error_response(404, error.what());
   }

@@ -3,17 +3,9 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
-#include <nlohmann/json.hpp>
+#include "clients/dashboard/json_answer.h"
 
 namespace secondskin::dashboard {
-
-HttpResponse error_response(unsigned status, const std::string& text) {
-  const nlohmann::json body{{"error", text}};
-  return {.status = status,
-          .content_type = "application/json",
-          .body = body.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace),
-          .file_name = {}};
-}
 
 void Worker::start() {
   thread_ = std::jthread([this](std::stop_token stop) {

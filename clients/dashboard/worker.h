@@ -12,8 +12,6 @@
 /// The thread on which HTTP handlers run: they may read files and databases, and take their time.
 namespace secondskin::dashboard {
 
-HttpResponse error_response(unsigned status, const std::string& text);
-
 class Worker {
  public:
   explicit Worker(std::vector<HttpHandler> handlers) : handlers_(std::move(handlers)) {}

@@ -10,34 +10,25 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "clients/dashboard/json_answer.h"
 #include "clients/history/history.h"
 #include "clients/history/history_json.h"
 #include "clients/history/pdf.h"
+#include "clients/history/profiles.h"
 #include "clients/history/report.h"
 
 namespace secondskin::history {
 namespace {
 
+using dashboard::error_response;
 using dashboard::HttpRequest;
 using dashboard::HttpResponse;
+using dashboard::json_answer;
+using dashboard::Refusal;
 using nlohmann::json;
 
 constexpr std::string_view kRoot = "/api/history/";
 constexpr std::size_t kLongestNote = 2000;
-
-/// A request that cannot be answered: status and why.
-struct Refusal {
-  unsigned status;
-  std::string words;
-};
-
-HttpResponse answer(unsigned status, const json& body) {
-  // A text in the database that is no UTF-8 must not end the answer.
-  return {.status = status,
-          .content_type = "application/json",
-          .body = body.dump(-1, ' ', false, json::error_handler_t::replace),
-          .file_name = {}};
-}
 
 std::string asked(const HttpRequest& request, const std::string& field, const std::string& what) {
   const auto found = request.query.find(field);
@@ -98,24 +89,26 @@ std::string note_of(const HttpRequest& request, bool needed) {
 
 HttpResponse all_learners(History& history, const HttpRequest& request) {
   if (request.method == "POST") {
-    return answer(201, to_json(history.add_learner(note_of(request, false))));
+    return json_answer(201, to_json(history.add_learner(note_of(request, false))));
   }
   if (request.method != "GET") throw Refusal{405, "method: expected GET or POST"};
   json all = json::array();
   for (const Learner& learner : history.learners()) all.push_back(to_json(learner));
-  return answer(200, all);
+  return json_answer(200, all);
 }
 
-HttpResponse one_learner(History& history, const HttpRequest& request, const std::string& id) {
-  if (request.method == "GET") return answer(200, to_json(known(history, id)));
+HttpResponse one_learner(History& history, const HttpRequest& request, const std::string& id,
+                         const std::filesystem::path& profiles) {
+  if (request.method == "GET") return json_answer(200, to_json(known(history, id)));
   if (request.method == "PATCH") {
     const std::string note = note_of(request, true);
     known(history, id);
     history.note(id, note);
-    return answer(200, to_json(known(history, id)));
+    return json_answer(200, to_json(known(history, id)));
   }
   if (request.method == "DELETE") {
     known(history, id);
+    remove_profile(profiles, id);  // first: if that fails, the learner is still there to try again
     history.forget(id);
     return {.status = 204, .content_type = "application/json", .body = {}, .file_name = {}};
   }
@@ -128,7 +121,7 @@ HttpResponse all_sessions(History& history, const HttpRequest& request) {
   const std::string whose =
       learner == request.query.end() ? std::string() : known(history, learner->second).id;
   for (const Session& session : history.sessions(whose)) all.push_back(to_json(session, false));
-  return answer(200, all);
+  return json_answer(200, all);
 }
 
 HttpResponse one_session(History& history, const std::string& text) {
@@ -136,7 +129,7 @@ HttpResponse one_session(History& history, const std::string& text) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), id);
   const bool number = error == std::errc() && end == text.data() + text.size();
   if (auto session = number ? history.session(id) : std::nullopt) {
-    return answer(200, to_json(*session, true));
+    return json_answer(200, to_json(*session, true));
   }
   throw Refusal{404, fmt::format("session: expected the id of a known session, got \"{}\"", text)};
 }
@@ -148,7 +141,7 @@ HttpResponse progress_of(History& history, const HttpRequest& request) {
   const std::string what = names.empty() ? std::string("a reference; this learner practised none")
                                          : fmt::format("one of {}", fmt::join(names, ", "));
   const std::string reference = asked(request, "reference", what);
-  return answer(200, to_json(progress(course, reference), reference));
+  return json_answer(200, to_json(progress(course, reference), reference));
 }
 
 HttpResponse report_of(History& history, const HttpRequest& request) {
@@ -181,16 +174,17 @@ HttpResponse export_of(History& history, const HttpRequest& request) {
                                              .content_type = "text/csv; charset=utf-8",
                                              .body = export_csv(course),
                                              .file_name = {}}
-                              : answer(200, export_json(learner, course));
+                              : json_answer(200, export_json(learner, course));
   response.file_name = file_name("history", learner.id, csv ? "csv" : "json");
   return response;
 }
 
-HttpResponse dispatch(History& history, const HttpRequest& request, const std::string& what) {
+HttpResponse dispatch(History& history, const HttpRequest& request, const std::string& what,
+                      const std::filesystem::path& profiles) {
   constexpr std::string_view kLearner = "learners/", kSession = "sessions/";
   if (what == "learners") return all_learners(history, request);
   if (what.starts_with(kLearner)) {
-    return one_learner(history, request, what.substr(kLearner.size()));
+    return one_learner(history, request, what.substr(kLearner.size()), profiles);
   }
   using Read = HttpResponse (*)(History&, const HttpRequest&);
   static constexpr std::pair<std::string_view, Read> kReads[] = {{"sessions", all_sessions},
@@ -212,18 +206,19 @@ HttpResponse dispatch(History& history, const HttpRequest& request, const std::s
 
 }  // namespace
 
-dashboard::HttpHandler history_api(std::filesystem::path database) {
-  return [file = std::move(database), history = std::shared_ptr<History>()](
+dashboard::HttpHandler history_api(std::filesystem::path database, std::filesystem::path profiles) {
+  return [file = std::move(database), profiles = std::move(profiles),
+          history = std::shared_ptr<History>()](
              const HttpRequest& request) mutable -> std::optional<HttpResponse> {
     if (!request.path.starts_with(kRoot)) return std::nullopt;
     try {
       if (!history) history = std::make_shared<History>(file);
-      return dispatch(*history, request, request.path.substr(kRoot.size()));
+      return dispatch(*history, request, request.path.substr(kRoot.size()), profiles);
     } catch (const Refusal& refusal) {
-      return answer(refusal.status, {{"error", refusal.words}});
+      return error_response(refusal.status, refusal.words);
     } catch (const std::exception& error) {
       history.reset();  // opened anew with the next request
-      return answer(503, {{"error", fmt::format("history: {}", error.what())}});
+      return error_response(503, fmt::format("history: {}", error.what()));
     }
   };
 }

@@ -9,6 +9,7 @@ namespace secondskin::history {
 
 /// Has a connection of its own, opened with the first request; so it may be made before there is a
 /// file, and a service may write the same file meanwhile. One call at a time.
-dashboard::HttpHandler history_api(std::filesystem::path database);
+/// @param profiles  the folder of learners' profiles, which go with them
+dashboard::HttpHandler history_api(std::filesystem::path database, std::filesystem::path profiles);
 
 }  // namespace secondskin::history

@@ -1,18 +1,16 @@
 #include "clients/history/history_json.h"
 
-#include <fmt/chrono.h>
 #include <fmt/format.h>
 
-#include <chrono>
 #include <nlohmann/json.hpp>
 #include <numbers>
+
+#include "clients/dashboard/json_answer.h"
 
 namespace secondskin::history {
 namespace {
 
 using nlohmann::json;
-
-constexpr std::int64_t kMillisecond = 1'000'000;
 
 double deg(double radians) { return radians * 180.0 / std::numbers::pi; }
 
@@ -84,14 +82,7 @@ std::string cell(const std::optional<T>& value) {
 
 }  // namespace
 
-std::string iso_time(std::int64_t ns) {
-  const std::chrono::sys_time<std::chrono::milliseconds> time(
-      std::chrono::milliseconds(ns / kMillisecond));
-  const auto seconds = std::chrono::floor<std::chrono::seconds>(time);
-  return fmt::format("{:%Y-%m-%dT%H:%M:%S}.{:03}Z",
-                     fmt::gmtime(std::chrono::system_clock::to_time_t(seconds)),
-                     (time - seconds).count());
-}
+std::string iso_time(std::int64_t ns) { return dashboard::iso_time(ns); }
 
 std::string hex(std::uint64_t fingerprint) { return fmt::format("{:016x}", fingerprint); }
 
@@ -106,6 +97,7 @@ json to_json(const Learner& learner) {
 json to_json(const Session& session, bool whole) {
   json result{{"id", session.id},
               {"learner", session.learner},
+              {"subject", session.subject},
               {"start", iso_time(session.start_ns)},
               {"end", time_or_null(session.end_ns)},
               {"reference", session.reference.name},
@@ -118,7 +110,6 @@ json to_json(const Session& session, bool whole) {
   result["reference_description"] = session.reference.description;
   result["source"] = session.source;
   result["body_map"] = session.body_map;
-  result["subject"] = session.subject;
   json blocks = json::array();
   for (const Block& block : session.blocks) blocks.push_back(to_json(block));
   result["blocks"] = std::move(blocks);

@@ -128,6 +128,21 @@ TEST_F(ServerTest, LimitsWhatIsSent) {
   EXPECT_EQ(get(port, "/").status, 200u);
 }
 
+TEST_F(ServerTest, RefusesAStrangerBeforeTheBodyIsThere) {
+  options_.access.token = "secret";
+  const auto port = start();
+  boost::asio::io_context io;
+  auto socket = test::connected(io, port);
+  const std::string header =
+      "POST /api/echo HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 900\r\n\r\n";
+  boost::asio::write(socket, boost::asio::buffer(header));
+  boost::beast::flat_buffer buffer;
+  test::http::response<test::http::string_body> answer;
+  test::http::read(socket, buffer, answer);
+  EXPECT_EQ(answer.result_int(), 401u);
+  EXPECT_FALSE(answer.keep_alive());
+}
+
 TEST_F(ServerTest, AsksForTheTokenAndKeepsItInACookie) {
   options_.access.token = "secret";
   const auto port = start();

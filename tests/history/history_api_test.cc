@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "clients/history/history.h"
+#include "clients/history/profiles.h"
 #include "course.h"
 #include "tests/session/process.h"
 
@@ -37,7 +38,7 @@ class HistoryApi : public testing::Test {
 
   session::Folder folder;
   std::string file = folder / "h.db";
-  dashboard::HttpHandler handler = history_api(file);
+  dashboard::HttpHandler handler = history_api(file, folder / "learners");
 };
 
 TEST_F(HistoryApi, LeavesOtherPathsToOthers) {
@@ -60,11 +61,42 @@ TEST_F(HistoryApi, MakesNotesAndDeletesLearners) {
   EXPECT_EQ(json::parse(ask("GET", "learners").body), json::array());
 }
 
+TEST_F(HistoryApi, DeletesALearnersOwnProfilesWithThem) {
+  fill();
+  const std::filesystem::path profiles = folder / "learners";
+  std::filesystem::create_directory(profiles);
+  const auto write = [&](const char* name) { std::ofstream(profiles / name) << "skin"; };
+  for (const char* name :
+       {"L-TEST34.toml", "L-TEST34.exposure.toml", "L-TEST34.toml.partial", "L-TEST345.toml"}) {
+    write(name);
+  }
+  EXPECT_EQ(profile_of(profiles, "L-TEST34"), profiles / "L-TEST34.toml");
+  EXPECT_EQ(ask("DELETE", "learners/L-TEST34").status, 204u);
+  std::vector<std::string> left;
+  for (const auto& entry : std::filesystem::directory_iterator(profiles)) {
+    left.push_back(entry.path().filename());
+  }
+  EXPECT_EQ(left, std::vector<std::string>{"L-TEST345.toml"});
+}
+
+TEST(LearnersProfile, LeavesItsFolderForNoId) {
+  const session::Folder folder;
+  const std::filesystem::path inside = folder / "learners";
+  std::filesystem::create_directory(inside);
+  std::ofstream(folder / "other.toml") << "another's";
+  EXPECT_TRUE(remove_profile(inside, "../other").empty());
+  EXPECT_TRUE(std::filesystem::exists(folder / "other.toml"));
+  for (const char* id : {"../other", "", ".", "a/b"}) {
+    EXPECT_THROW(profile_of(inside, id), std::runtime_error) << id;
+  }
+}
+
 TEST_F(HistoryApi, GivesSessionsProgressReportAndExport) {
   fill();
   const json sessions = json::parse(ask("GET", "sessions", {{"learner", "L-TEST34"}}).body);
   ASSERT_EQ(sessions.size(), 1u);
   EXPECT_EQ(sessions[0]["repetitions"], 5);
+  EXPECT_EQ(sessions[0]["subject"], "learner");
   EXPECT_DOUBLE_EQ(sessions[0]["mean_total"], 48.4);
   const std::string id = std::to_string(sessions[0]["id"].get<int>());
   const json whole = json::parse(ask("GET", "sessions/" + id).body);

@@ -168,6 +168,7 @@ TEST(SeparateProcesses, WorkStartedInAnyOrderAndRestarted) {
   std::filesystem::remove(session.waveform());
   Process new_board = session.board();
   EXPECT_TRUE(eventually(on, 60s)) << tactors.output();
+  std::this_thread::sleep_for(2s);  // and it goes on, so that there is something to record
 
   recorder.end(SIGTERM);
   ASSERT_TRUE(recorder.wait(10s));

@@ -35,14 +35,22 @@ std::string write_map(const Session& session) {
   return file;
 }
 
+/// Where the program keeps profiles, in the session's folder instead of the user's.
+std::filesystem::path own_profiles(const Session& session) {
+  const auto data = std::filesystem::path(session.folder / "data");
+  ::setenv("XDG_DATA_HOME", data.c_str(), 1);
+  return data / "secondskin" / "learners";
+}
+
 std::vector<std::string> calibration(const Session& session, const std::string& map) {
   return session.on_bus({"calibrate", "tactors", "--port", session.port(), "--body-map", map,
-                         "--duration", "0.05", "--presentations", "3", "--out",
-                         session.folder / "profile.toml", "--json"});
+                         "--duration", "0.05", "--presentations", "3", "--learner", "L-7K3M9Q",
+                         "--json"});
 }
 
 TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
   const Session session;
+  const auto profiles = own_profiles(session);
   const std::string map = write_map(session);
   const Process board = session.board();
   ASSERT_TRUE(eventually([&] { return std::filesystem::exists(session.waveform()); }, 10s));
@@ -62,6 +70,7 @@ TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
   EXPECT_EQ(result["sites"][0]["recognition"], 1.0);
   EXPECT_EQ(result["sites"][1]["recognition"], 0.0);
   EXPECT_EQ(result["sites"][1]["named"][0], 3);
+  EXPECT_NE(read_text(profiles / "L-7K3M9Q.toml").find("[[site]]"), std::string::npos);
 
   const auto rows = read_waveform(session.waveform());
   double strongest = 0.0;
@@ -73,6 +82,7 @@ TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
 
 TEST(CalibrateTactors, KeepsNothingAndLeavesNothingOnWhenItIsEndedEarly) {
   const Session session;
+  const auto profiles = own_profiles(session);
   const std::string map = write_map(session);
   const Process board = session.board();
   ASSERT_TRUE(eventually([&] { return std::filesystem::exists(session.waveform()); }, 10s));
@@ -83,7 +93,7 @@ TEST(CalibrateTactors, KeepsNothingAndLeavesNothingOnWhenItIsEndedEarly) {
     ASSERT_TRUE(calibrate.wait(30s));
     EXPECT_NE(calibrate.exit_code(), 0);
     EXPECT_TRUE(calibrate.says("nothing was saved")) << calibrate.output();
-    EXPECT_FALSE(std::filesystem::exists(session.folder / "profile.toml"));
+    EXPECT_FALSE(std::filesystem::exists(profiles / "L-7K3M9Q.toml"));
     EXPECT_TRUE(eventually([&] { return !session.tactors_are_on(); }, 2s));
   }
 }
@@ -102,9 +112,11 @@ TEST(CalibrateTactors, RefusesAFileThatCannotBeWrittenBeforeAnybodyAnswers) {
 // its recording alone, bit for bit, and what the skin bore is there for the next one.
 TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
   const Session session;
-  const std::string profile = session.folder / "anna.toml", range = session.folder / "range.toml";
+  const auto profiles = own_profiles(session);
+  const std::string range = session.folder / "range.toml";
   {
-    std::ofstream out(profile);
+    std::filesystem::create_directories(profiles);
+    std::ofstream out(profiles / "L-7K3M9Q.toml");
     out << "body_map = \"full_body\"\n";
     for (const int channel : {0, 1, 2, 3, 8}) {
       out << "[[site]]\nchannel = " << channel << "\nthreshold = 0.4\nceiling = 0.7\nnamed = [";
@@ -117,7 +129,7 @@ TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
   for (const bool scaled : {false, true}) {
     const std::string recording = session.folder / (scaled ? "second.mcap" : "first.mcap");
     std::vector<std::string> train{"train",   "--reference",       "low_block", "--recording",
-                                   recording, "--learner-profile", profile,     "--safe-range",
+                                   recording, "--learner-profile", "L-7K3M9Q",  "--safe-range",
                                    range,     "--tolerance-scale", "0.3"};
     if (scaled) train.push_back("--duration-scaled");
     Process run = session.start("train", session.on_bus(train));
@@ -131,7 +143,7 @@ TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
     const auto result = nlohmann::json::parse(output.substr(output.find("{\n")));
     EXPECT_GT(result["commands_compared"].get<int>(), 100);
     EXPECT_EQ(result["commands_different"], 0) << output;
-    const std::string exposure = read_text(session.folder / "anna.exposure.toml");
+    const std::string exposure = read_text(profiles / "L-7K3M9Q.exposure.toml");
     EXPECT_NE(exposure.find("right_elbow"), std::string::npos);
     EXPECT_NE(exposure, last);
     last = exposure;

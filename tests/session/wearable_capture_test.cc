@@ -64,6 +64,7 @@ class WearableCapture : public ::testing::Test {
 TEST_F(WearableCapture, FollowsALiveGarmentOnAPort) {
   const std::string port = session_.folder / "garment_port";
   const Process worn = garment("--port", port);
+  ASSERT_TRUE(eventually([&] { return std::filesystem::exists(port); }, 20s)) << worn.output();
   expect_poses("wearable:" + port);
 }
 
