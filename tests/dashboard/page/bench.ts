@@ -7,17 +7,21 @@ import { join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { test as base, expect, type Page } from "@playwright/test";
 
-const root = fileURLToPath(new URL("../../../", import.meta.url));
-const program = process.env.SECONDSKIN_PROGRAM ?? join(root, "build/release/bin/secondskin");
-export type Part = "board" | "tactors" | "coach" | "capture" | "dashboard";
+export const root = fileURLToPath(new URL("../../../", import.meta.url));
+export const program = process.env.SECONDSKIN_PROGRAM ?? join(root, "build/release/bin/secondskin");
+export type Part = "board" | "tactors" | "coach" | "capture" | "dashboard" | "record";
 
 export class Bench {
   readonly folder = mkdtempSync(join(tmpdir(), "secondskin-page-"));
   private readonly parts = new Map<Part, ChildProcess>();
-  private readonly bus: string[];
+  readonly bus: string[];
   port = 0;
   /// Narrow tolerances: something is cued nearly all the time.
   tolerance = "0.2";
+  /// What is performed, under reference_motions/.
+  motion = "low_block/learner.bvh";
+  /// Another SOURCE instead.
+  source = "";
 
   constructor(worker: number) {
     const own = process.pid * 8 + worker;
@@ -32,7 +36,8 @@ export class Bench {
       board: ["virtual-board", "--link", board, "--waveform", this.waveform],
       tactors: ["tactors", "--port", board, ...this.bus],
       coach: ["coach", "--reference", "low_block", "--tolerance-scale", this.tolerance, ...this.bus],
-      capture: ["capture", join(root, "reference_motions/low_block/learner.bvh"), "--loop", ...this.bus],
+      capture: ["capture", this.source || join(root, "reference_motions", this.motion), "--loop", ...this.bus],
+      record: ["record", this.recording, ...this.bus],
       dashboard: ["dashboard", "--port", String(this.port), "--page", join(root, "clients/dashboard/web/dist"), ...this.bus],
     };
     const log = join(this.folder, `${part}.log`);
@@ -62,9 +67,11 @@ export class Bench {
   }
 
   async close(): Promise<void> {
-    for (const part of ["capture", "coach", "tactors", "board", "dashboard"] as const) await this.end(part);
+    for (const part of ["record", "capture", "coach", "tactors", "board", "dashboard"] as const) await this.end(part);
     rmSync(this.folder, { recursive: true, force: true });
   }
+
+  get recording(): string { return join(this.folder, "recordings", "monday.mcap"); }
 
   get waveform(): string { return join(this.folder, "waveform.csv"); }
 

@@ -61,7 +61,7 @@ test("learners, their sessions, progress, report, export and deletion", async ({
   await expect(yes).toBeDisabled();
   await page.getByRole("dialog").getByRole("textbox").fill(id);
   await yes.click();
-  await expect(page.getByText(`${id} was deleted.`)).toBeVisible();
+  await expect(page.getByText(`${id} was deleted, with 0 recordings.`)).toBeVisible();
   expect(await (await page.request.get(`${bench.url}api/history/learners`)).json()).toEqual([]);
   expect(errors).toEqual([]);
 });

@@ -2,7 +2,7 @@ import AxeBuilder from "@axe-core/playwright";
 import { expect, test } from "./bench";
 
 const SIZES = { desktop: [1440, 900], tablet: [1024, 768], phone: [390, 844] } as const;
-const VIEWS = ["session", "history", "signals"] as const;
+const VIEWS = ["session", "record", "history", "signals"] as const;
 
 test("no view has an accessibility fault that axe finds, at any size", async ({ page, bench }) => {
   await bench.all();

@@ -1,5 +1,6 @@
 // The pictures of docs/therapists.md, from the running product: tools/screenshots calls this.
-import { join } from "node:path";
+import { mkdirSync } from "node:fs";
+import { dirname, join } from "node:path";
 import { expect, test } from "./bench";
 
 const folder = process.env.SECONDSKIN_SCREENSHOTS ?? "";
@@ -63,4 +64,44 @@ test("pictures", async ({ page, bench }) => {
   await bench.end("dashboard", "SIGKILL");
   await expect(page.getByRole("alert").first()).toBeVisible();
   await shoot("lost");
+});
+
+test("pictures of a new reference", async ({ page, bench }) => {
+  test.setTimeout(300_000);
+  bench.motion = "deep_squat/learner.bvh";
+  await bench.start("capture");
+  await bench.start("dashboard");
+  await bench.open(page, "record");
+  await page.locator("#record-countdown").selectOption("3");
+  for (const take of [1, 2]) {
+    await page.locator("#record-main").click();
+    await expect(page.locator(".record-overlay")).toHaveAttribute("data-phase", "recording");
+    await page.waitForTimeout(9000);
+    await page.locator("#record-main").click();
+    await expect(page.locator(".take")).toHaveCount(take);
+  }
+  await page.locator("#record-next").click();
+  await expect(page.locator(".average")).toContainText("Mean of");
+  await expect(page.locator(".joint-plot")).toHaveCount(4);
+  // The first of each may have begun in mid-movement.
+  for (const take of [0, 1]) await page.locator(".take").nth(take).locator("input[type=checkbox]").first().uncheck();
+  await page.waitForTimeout(2000);  // some of the way through the movement
+  await page.screenshot({ path: join(folder, "dashboard-choose.png") });
+});
+
+test("picture of a recording", async ({ page, bench }) => {
+  test.setTimeout(300_000);
+  bench.tolerance = "0.5";
+  mkdirSync(dirname(bench.recording));
+  for (const part of ["record", "board", "tactors", "coach", "capture", "dashboard"] as const) await bench.start(part);
+  await bench.open(page);
+  await expect(page.locator(".score-bars button")).toHaveCount(2);
+  await bench.end("record");
+  await page.goto(`${bench.url}#recordings`);
+  await page.getByRole("row", { name: /monday\.mcap/ }).getByRole("link").click();
+  await expect(page.locator("#ghost-note")).toHaveText("");
+  for (let second = 0; second < 3; second++) await page.keyboard.press("ArrowRight");
+  await expect(page.locator(".pane .body-map")).toBeVisible();
+  await page.waitForTimeout(1500);
+  await page.screenshot({ path: join(folder, "dashboard-player.png") });
 });

@@ -55,7 +55,7 @@ test("a page that comes later knows of the stop", async ({ page, context, bench 
 
 test("Esc stops in every view, also in a dialog", async ({ page, bench }) => {
   await bench.all();
-  for (const view of ["session", "history", "signals"]) {
+  for (const view of ["session", "record", "history", "signals"]) {
     await bench.open(page, view);
     await page.reload();
     await expect(page.locator("#stop")).toHaveText("STOP vibration");

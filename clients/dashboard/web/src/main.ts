@@ -1,17 +1,20 @@
-// The page: header with STOP, three views, keys, one animation frame for all.
+// The page: header with STOP, four views, keys, one animation frame for all.
 import "./style.css";
 import { api } from "./api";
 import { Connection } from "./connection";
 import { el, say, setData, setText } from "./dom";
 import { Live } from "./live";
 import { texts } from "./texts";
+import { Controls } from "./view/controls";
 import { showHelp, shortcuts } from "./view/help";
 import { HistoryView } from "./view/history";
+import { RecordView } from "./view/record";
+import { RecordingsView } from "./view/recordings";
 import { SessionView } from "./view/session";
 import { SignalsView } from "./view/signals";
 import { StopBar } from "./view/stop_bar";
 
-const NAMES = ["session", "history", "signals"] as const;
+const NAMES = ["session", "record", "recordings", "history", "signals"] as const;
 type Name = (typeof NAMES)[number];
 
 const url = new URL("live", location.href);
@@ -21,10 +24,12 @@ url.hash = url.search = "";
 const live = new Live();
 const connection = new Connection(live, url.href);
 const stop = new StopBar(live, connection);
-const session = new SessionView(live, connection, stop);
+const session = new SessionView(live, new Controls(live, connection), stop);
+const recordings = new RecordingsView();
 const history = new HistoryView();
 const signals = new SignalsView(live);
-const views = { session, history, signals };
+const record = new RecordView(live, connection, () => void listOwn());
+const views = { session, record, recordings, history, signals };
 
 const link = el("span", { class: "link", id: "connection", role: "status" });
 const banner = el("div", { class: "lost", role: "alert", hidden: true });
@@ -46,7 +51,7 @@ document.body.append(
 
 let shown: Name = "session";
 function show(): void {
-  const wanted = location.hash.slice(1) as Name;
+  const wanted = location.hash.slice(1).split("/")[0] as Name;
   shown = NAMES.includes(wanted) ? wanted : "session";
   document.title = `${texts.views[shown]} – ${texts.title}`;
   main.replaceChildren(el("h1", { class: "visually-hidden" }, texts.views[shown]), views[shown].element);
@@ -56,6 +61,7 @@ function show(): void {
     else tabs[name].removeAttribute("aria-current");
   }
   if (shown === "history") void history.load();
+  if (shown === "recordings") void recordings.show();
 }
 window.addEventListener("hashchange", show);
 show();
@@ -63,6 +69,11 @@ show();
 function tell(text: string): void {
   message.hidden = text === "";
   setText(message, text);
+}
+
+async function listOwn(): Promise<void> {
+  const known = await api.references().catch(() => []);
+  session.controls.setOwnReferences(known.filter(({ own }) => own).map(({ name }) => name));
 }
 
 // The page's version as the bridge had it when the page was loaded.
@@ -74,7 +85,11 @@ async function meetBridge(): Promise<void> {
     history.available = info.history;
     ours ??= info.page_version;
     tell(info.page_version === ours ? "" : texts.connection.newer);
-    await session.load(info.history);
+    const plans = await api.plans().catch(() => []);
+    session.setPlans(plans);
+    session.controls.setPlans(plans);
+    await session.controls.loadLearners(info.history);
+    await listOwn();
     if (shown === "history") void history.load();
   } catch {
     // An older bridge, or only Foxglove's protocol: the live data is all there is.
@@ -105,6 +120,8 @@ document.addEventListener("keydown", (event) => {
     event.preventDefault();
     return showHelp();
   }
+  if (shown === "record" && !target.closest("button, summary, [role=region]") && record.key(event.key)) return event.preventDefault();
+  if (shown === "recordings" && recordings.key(event.key, target)) return event.preventDefault();
   if (shown !== "session" || target.closest("button, summary, [role=region]")) return;
   const preset = session.stage?.canvas === target ? ({ 1: "front", 2: "side", 3: "top" } as const)[event.key] : undefined;
   if (event.key === " ") session.controls.toggle();
@@ -128,6 +145,8 @@ function frame(): void {
   showConnection();
   stop.frame();
   if (shown === "session") session.frame();
+  record.frame(shown === "record");
+  if (shown === "recordings") recordings.frame();
   signals.frame(shown === "signals");
   requestAnimationFrame(frame);
 }

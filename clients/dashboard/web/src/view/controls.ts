@@ -54,6 +54,7 @@ export class Controls {
   private readonly hint = el("p", { class: "hint", id: "hint", role: "status" });
   private touched = false;   // the user chose something that the session does not have yet
   private history = false;
+  private own: string[] = [];
 
   constructor(private readonly live: Live, private readonly connection: Connection) {
     this.element = el("section", { class: "controls card", "aria-label": t.heading },
@@ -148,8 +149,15 @@ export class Controls {
     this.edited();
   }
 
+  /// The user's own references, which the coach may not have listed yet: it finds them by name.
+  setOwnReferences(names: string[]): void {
+    this.own = names;
+    this.listReferences();
+  }
+
   private listReferences(): void {
-    const names = this.live.states.references?.references.map(({ name }) => name) ?? [];
+    const listed = this.live.states.references?.references.map(({ name }) => name) ?? [];
+    const names = [...new Set([...listed, ...(listed.length > 0 ? this.own : [])])];
     this.fill(this.reference, names.map((name) => [name, readable(name)]));
     this.adopt();
   }

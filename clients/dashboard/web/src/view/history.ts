@@ -1,11 +1,15 @@
 // What was: learners, their sessions, progress over weeks, the report.
 import { api, type Learner, type Progress, type SessionRow } from "../api";
 import { ask, el, labelled, setText, table } from "../dom";
+import { recordingHash, recordingOf } from "../model/session_recording";
 import { jointText, readable, texts } from "../texts";
 import { progressPlot, retentionPart, schedulePart } from "./progress";
 import { sessionDetail } from "./session_detail";
 
 const t = texts.history;
+const AGAIN = 1000;  // until a recording is asked for again that was not read yet [ms]
+const TRIES = 60;
+const POLL = 200;  // [ms]
 
 export function day(iso: string): string {
   return new Date(iso).toLocaleString("en-GB", { dateStyle: "medium", timeStyle: "short" });
@@ -23,6 +27,7 @@ export class HistoryView {
   private readonly sessionRoom = el("div", {});
   private learners: Learner[] = [];
   private progress: Progress | null = null;
+  private personShown = "";
   private asked = 0;
 
   constructor() {
@@ -70,12 +75,16 @@ export class HistoryView {
   private async showLearner(): Promise<void> {
     const learner = this.chosen;
     if (learner == undefined) {
+      this.personShown = "";
       for (const room of [this.person, this.progressRoom, this.sessionRoom]) room.replaceChildren();
       this.reference.replaceChildren();
       this.measure.replaceChildren();
       return;
     }
-    this.person.replaceChildren(this.personPart(learner));
+    // What is being typed stays, when nothing of the learner changed.
+    const person = JSON.stringify([learner.id, learner.note]);
+    if (person !== this.personShown) this.person.replaceChildren(this.personPart(learner));
+    this.personShown = person;
     const mine = ++this.asked;
     await this.guard(async () => {
       const sessions = await api.sessions(learner.id);
@@ -86,6 +95,7 @@ export class HistoryView {
       this.reference.replaceChildren(...names.map((name) => el("option", { value: name }, readable(name))));
       if (names.includes(before)) this.reference.value = before;
       this.sessionRoom.replaceChildren(this.sessionPart(sessions));
+      void this.offerRecordings(sessions);
       await this.showProgress();
     });
   }
@@ -95,7 +105,7 @@ export class HistoryView {
     const save = el("button", { type: "button" }, t.save);
     save.addEventListener("click", () => void this.guard(async () => {
       await api.setNote(learner.id, note.value);
-      learner.note = note.value;
+      for (const one of this.learners) if (one.id === learner.id) one.note = note.value;
       setText(this.message, t.saved);
     }));
     const link = (text: string, href: string, download: boolean): HTMLElement =>
@@ -126,9 +136,17 @@ export class HistoryView {
     });
     if (!yes) return;
     await this.guard(async () => {
+      // First what the history leads to: if that fails, the learner is still there to try again.
+      const { job } = await api.removeRecordings(learner.id);
+      let removal = await api.removal(job);
+      for (; removal.state === "waiting" || removal.state === "running"; removal = await api.removal(job)) {
+        await new Promise((done) => setTimeout(done, POLL));
+      }
+      if (!removal.result) throw new Error(removal.error);
+      const { removed, kept } = removal.result;
       await api.removeLearner(learner.id);
       await this.load();
-      setText(this.message, t.removed(learner.id));
+      setText(this.message, t.removed(learner.id, removed.length, kept.map(({ name, why }) => `${name} (${why})`)));
     });
   }
 
@@ -162,12 +180,34 @@ export class HistoryView {
   private sessionPart(sessions: SessionRow[]): HTMLElement {
     if (sessions.length === 0) return el("p", { class: "muted" }, t.sessionsNone);
     const s = t.sessionTable;
-    return table(t.sessions, [s.start, s.reference, s.plan, s.repetitions, s.mean, s.cues, s.open],
+    return table(t.sessions, [s.start, s.reference, s.open, s.plan, s.repetitions, s.mean, s.cues],
       sessions.map((session) => [
-        day(session.start), readable(session.reference), session.plan ? readable(session.plan) : t.practice,
+        day(session.start), readable(session.reference),
+        // On a phone only the first columns are in sight.
+        el("span", { class: "row" },
+          el("button", { type: "button", "aria-label": t.details(day(session.start)),
+            onclick: () => void this.guard(async () => sessionDetail(await api.session(session.id))) }, t.open),
+          el("span", { class: "muted", "data-recording": session.id }, t.looking)),
+        session.plan ? readable(session.plan) : t.practice,
         String(session.repetitions), session.mean_total == null ? "–" : session.mean_total.toFixed(0), String(session.cues),
-        el("button", { type: "button", "aria-label": t.details(day(session.start)),
-          onclick: () => void this.guard(async () => sessionDetail(await api.session(session.id))) }, t.open),
-      ]), [3, 4, 5]);
+      ]), [4, 5, 6]);
+  }
+
+  // After the sessions: a folder of many recordings takes its time.
+  private async offerRecordings(sessions: SessionRow[], tries = TRIES): Promise<void> {
+    const mine = this.asked;
+    const offered = await api.recordings().catch((error: Error) => error);
+    if (mine !== this.asked) return;
+    // The bridge reads one that is not finished beside the requests: until then it may be anybody's.
+    const unread = !(offered instanceof Error) && offered.some(({ state, start }) => state !== "damaged" && start == undefined);
+    for (const session of sessions) {
+      const place = this.sessionRoom.querySelector(`[data-recording="${session.id}"]`);
+      const found = offered instanceof Error ? null : recordingOf(session, offered);
+      if (found == null && unread && tries > 0) continue;
+      place?.replaceChildren(found == null
+        ? el("span", { title: offered instanceof Error ? offered.message : t.noRecordingWhy }, offered instanceof Error ? t.recordingsFailed : t.noRecording)
+        : el("a", { class: "button", href: recordingHash(found.name, found.at), "aria-label": t.playOf(day(session.start)) }, t.play));
+    }
+    if (unread && tries > 0) setTimeout(() => { if (mine === this.asked) void this.offerRecordings(sessions, tries - 1); }, AGAIN);
   }
 }

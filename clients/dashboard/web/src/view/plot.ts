@@ -13,11 +13,19 @@ const DASHES = [[], [8, 5], [2, 4], [10, 4, 2, 4]];
 const DAY = 86400;
 
 // A day and a bit at least: one session is a point on its date, not on an axis of years.
-function dates(_plot: uPlot, low: number | null, high: number | null): [number, number] {
-  const from = low ?? Date.now() / 1000;
-  const to = high ?? from;
+// uPlot itself takes a point alone for years.
+function dates({ data: [times] }: uPlot): [number, number] {
+  const from = times[0] ?? Date.now() / 1000;
+  const to = times.at(-1) ?? from;
   const room = Math.max((to - from) * 0.05, DAY);
   return [from - room, to + room];
+}
+
+// The day, and the year where an axis is long.
+const SPLITS = [1, 2, 7, 14, 30, 91, 182, 365].map((days) => days * DAY);
+function dayNames(_plot: uPlot, splits: number[]): string[] {
+  const long = (splits.at(-1) ?? 0) - (splits[0] ?? 0) > 300 * DAY;
+  return splits.map((at) => new Date(at * 1000).toLocaleDateString("en-GB", { day: "numeric", month: "short", ...(long && { year: "2-digit" }) }));
 }
 
 export interface Line { label: string; dashed?: boolean; band?: boolean; points?: boolean; colour?: string }
@@ -56,7 +64,7 @@ export class Plot {
       cursor: { y: false },
       legend: { show: this.lines.length <= MOST_NAMED, live: false },
       scales: { x: { time: time === "clock", ...(time === "clock" && { range: dates }) }, y: { range: range ?? ((_plot, _low, high): [number, number] => [0, Math.max(1, high * 1.1)]) } },
-      axes: [axis, { ...axis, label: unit, labelFont: FONT, size: 58 }],
+      axes: [{ ...axis, ...(time === "clock" && { incrs: SPLITS, values: dayNames }) }, { ...axis, label: unit, labelFont: FONT, size: 58 }],
       series: [
         {},
         ...this.lines.map((line, i): uPlot.Series => ({

@@ -1,24 +1,25 @@
 // The live view.
-import { api } from "../api";
-import { seconds, type Connection } from "../connection";
+import { api, type Plan } from "../api";
+import { seconds } from "../connection";
 import { el, setData, setText } from "../dom";
 import type { Live } from "../live";
 import { COLOURS } from "../model/error";
 import { Repetitions } from "../model/repetitions";
 import { texts } from "../texts";
 import { BodyMap } from "./body_map";
-import { Controls } from "./controls";
 import { Stage, type View } from "./stage";
 import { Status } from "./status";
-import type { StopBar } from "./stop_bar";
 import { Timeline } from "./timeline";
 
 const OLD = 1.0;  // a pose is not live after [s]
 const t = texts.stage;
 
-export class SessionView {
+/// What stands below the views.
+export interface Bottom { element: HTMLElement; frame(): void }
+
+/// @param C  the live session's controls, or a player's
+export class SessionView<C extends Bottom = Bottom> {
   readonly element: HTMLElement;
-  readonly controls: Controls;
   readonly stage: Stage | null;
   private readonly status: Status;
   private readonly body = new BodyMap();
@@ -27,10 +28,9 @@ export class SessionView {
   private readonly repetitions = new Repetitions();
   private reference = "";
 
-  constructor(private readonly live: Live, connection: Connection, private readonly stop: StopBar) {
+  constructor(private readonly live: Live, readonly controls: C, private readonly stop: { readonly active: boolean }) {
     this.status = new Status(this.repetitions);
     this.timeline = new Timeline(this.status.bars);
-    this.controls = new Controls(live, connection);
     this.stage = this.makeStage();
     this.element = el("div", { class: "session" },
       el("section", { class: "stage card", "aria-label": t.label },
@@ -45,13 +45,10 @@ export class SessionView {
     });
   }
 
-  /// Once, when the bridge answers.
-  async load(history: boolean): Promise<void> {
-    const plans = await api.plans().catch(() => []);
-    this.timeline.plans = plans;
-    this.controls.setPlans(plans);
-    await this.controls.loadLearners(history);
-  }
+  setPlans(plans: Plan[]): void { this.timeline.plans = plans; }
+
+  /// The repetitions are told anew.
+  forgetRepetitions(): void { this.repetitions.clear(); }
 
   frame(): void {
     const now = seconds();

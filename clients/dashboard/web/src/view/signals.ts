@@ -31,8 +31,9 @@ export class SignalsView {
   private readonly projector = el("select", { "aria-label": t.projector });
   private readonly detector = el("select", { "aria-label": t.detectors });
   private readonly rawRoom = el("div", {}, el("p", { class: "muted" }, t.rawNone));
+  private readonly rawNow = el("p", { id: "raw-now" });  // no status: it changes all the time
   private readonly hold = el("button", { type: "button", "aria-pressed": "false" }, t.hold);
-  private raw: { series: Series; plot: Plot; key: string; detectors: number[] } | null = null;
+  private raw: { series: Series; plot: Plot; key: string; count: number; projectors: number; detectors: number[] } | null = null;
   private start: bigint | null = null;
   private drawn = 0;
   private listed = 0;
@@ -45,7 +46,7 @@ export class SignalsView {
       this.hold.setAttribute("aria-pressed", String(this.held));
     });
     this.projector.addEventListener("change", () => this.raw?.series.clear());
-    this.detector.addEventListener("change", () => { if (this.raw) this.raw.key = ""; });
+    this.detector.addEventListener("change", () => { if (this.raw) this.makeRaw(this.raw.count, this.raw.projectors, this.raw.key); });
     const section = (heading: string, ...children: (Node | null)[]): HTMLElement =>
       el("section", { class: "card" }, el("h2", {}, heading), ...children);
     this.element = el("div", { class: "signals" },
@@ -76,7 +77,10 @@ export class SignalsView {
     this.drawn = now;
     this.latencyPlot.set([this.latency.time, ...this.latency.lines]);
     for (const { series, plot } of this.joints) plot.set([series.time, ...series.lines]);
-    if (this.raw) this.raw.plot.set([this.raw.series.time, ...this.raw.series.lines]);
+    if (this.raw) {
+      this.raw.plot.set([this.raw.series.time, ...this.raw.series.lines]);
+      setText(this.rawNow, this.rawWords(this.raw));
+    }
   }
 
   private collect(): void {
@@ -106,6 +110,15 @@ export class SignalsView {
     }
   }
 
+  // The newest values of the plot in words: of all detectors how many, of eight each.
+  private rawWords({ series, detectors }: { series: Series; detectors: number[] }): string {
+    if (series.time.length === 0) return t.none;
+    const values = series.lines.map((line) => line.at(-1) ?? 0);
+    const seen = values.filter((value) => value > 0);
+    if (detectors.length <= GROUP) return t.values(values, detectors[0] ?? 0);
+    return t.received(seen.length, values.length, Math.min(...seen), Math.max(...seen));
+  }
+
   // Seconds since the page first saw data: plain numbers on the axis.
   private time(stamp: bigint): number {
     this.start ??= stamp;
@@ -126,8 +139,8 @@ export class SignalsView {
     const detectors = Array.from({ length: count }, (_, d) => d).filter((d) => group < 0 || Math.floor(d / GROUP) === group);
     const names = detectors.map(t.detector);
     const plot = new Plot(t.raw, names.map((label) => ({ label })), { unit: t.value, range: [0, 256], height: 320 });
-    this.raw = { series: new Series(names, SPAN, 2000), plot, key, detectors };
-    this.rawRoom.replaceChildren(el("div", { class: "row" }, this.projector, this.detector), plot.element);
+    this.raw = { series: new Series(names, SPAN, 2000), plot, key, count, projectors, detectors };
+    this.rawRoom.replaceChildren(el("div", { class: "row" }, this.projector, this.detector), this.rawNow, plot.element);
   }
 
   private jointPlot(joint: string): JointPlot {

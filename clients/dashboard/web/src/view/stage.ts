@@ -4,11 +4,12 @@ import {
   PerspectiveCamera, Points, PointsMaterial, Scene, Spherical, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { el, setText } from "../dom";
+import { el, setText, svg } from "../dom";
 import type { Live } from "../live";
 import type { Correction } from "../messages";
 import { degrees, gradeOf, norm, worst, COLOURS, type Grade } from "../model/error";
 import { Body } from "../model/kinematics";
+import { Resolution } from "../model/resolution";
 import { jointText, texts } from "../texts";
 import { Figure } from "./figure";
 
@@ -49,7 +50,7 @@ export class Stage {
   private readonly camera = new PerspectiveCamera(36, 1, 0.1, 60);
   private readonly renderer: WebGLRenderer;
   private readonly orbit: OrbitControls;
-  private readonly labels: HTMLElement[] = [];
+  private readonly labels: { text: HTMLElement; lead: SVGElement }[] = [];
   private readonly names = { learner: this.nameTag("learner"), expert: this.nameTag("expert") };
   private readonly overlay = el("div", { class: "stage-labels", "aria-hidden": "true" });
   private points: Points | null = null;
@@ -62,12 +63,13 @@ export class Stage {
   private followed = 0;
   private drawn = 0;  // so many times: for measuring
   private size = { width: 0, height: 0 };
+  private readonly resolution = new Resolution(Math.min(window.devicePixelRatio, 1.5));
   private readonly above = new Vector3();
 
   /// Throws when the browser has no WebGL.
   constructor() {
     this.renderer = new WebGLRenderer({ canvas: this.canvas, antialias: !software(), powerPreference: "high-performance" });
-    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 1.5));
+    this.renderer.setPixelRatio(this.resolution.ratio);
     this.renderer.setClearColor(BACKGROUND);
     this.camera.up.set(0, 0, 1);
     this.orbit = new OrbitControls(this.camera, this.canvas);
@@ -79,11 +81,14 @@ export class Stage {
     light.position.set(3, 2, 5);
     this.scene.add(new AmbientLight(0xffffff, 1.1), light);
     this.addFloor();
+    const leads = svg("svg", { class: "stage-leads" });
+    this.overlay.append(leads);
     for (let i = 0; i < LABELS; i++) {
-      const label = el("span", { class: "stage-label" });
-      label.hidden = true;
-      this.labels.push(label);
-      this.overlay.append(label);
+      const text = el("span", { class: "stage-label", hidden: true });
+      const lead = svg("path");
+      this.labels.push({ text, lead });
+      this.overlay.append(text);
+      leads.append(lead);
     }
     this.overlay.append(this.names.learner, this.names.expert);
     this.element = el("div", { class: "stage-canvas" }, this.canvas, this.overlay);
@@ -133,6 +138,7 @@ export class Stage {
 
   /// Once an animation frame. Draws only when something moved.
   frame(live: Live, judged: boolean): void {
+    if (this.resolution.frame(performance.now() / 1000)) this.refine();
     this.meet(live);
     const { pose, expert, correction, points } = live.newest;
     if (live.isFresh("pose") && pose && this.learner?.pose(pose)) {
@@ -188,24 +194,30 @@ export class Stage {
 
   private label(correction: Correction | undefined): void {
     const shown = correction ? worst(correction, this.weights, LABELS) : [];
-    const taken: number[] = [];
-    this.labels.forEach((label, n) => {
+    const taken: { y: number; right: boolean }[] = [];
+    // Outwards from the body; from the middle where another one stands beside it.
+    const middle = this.apart || !this.learner ? this.size.width / 2 : this.project(this.learner.placed.position[0]!).x;
+    this.labels.forEach(({ text: label, lead }, n) => {
       const joint = shown[n];
       const i = joint ? this.learner!.body.names.indexOf(joint.joint) : -1;
       label.hidden = i < 0;
+      lead.toggleAttribute("hidden", label.hidden);
       if (joint == undefined || i < 0) return;
       setText(label, texts.stage.label3d(
         jointText(joint.joint), Math.round(degrees(joint.error)),
         this.size.width < NARROW ? null : Math.round(degrees(joint.tolerance))));
       const at = this.project(this.learner!.placed.position[i]!);
+      const from = { ...at };
+      const right = at.x > middle;
       // Not over another one.
-      while (taken.some((y) => Math.abs(y - at.y) < 34)) at.y += 34;
-      taken.push(at.y);
-      const right = at.x > this.size.width / 2;
+      while (taken.some((other) => other.right === right && Math.abs(other.y - at.y) < 34)) at.y += 34;
+      taken.push({ y: at.y, right });
       const room = this.size.width - label.offsetWidth - 44;
       at.x = right ? Math.min(at.x, room) : Math.max(at.x, label.offsetWidth + 44);
       label.dataset.right = String(right);
-      label.style.transform = `translate(${at.x + (right ? 34 : -34)}px, ${at.y}px)`;
+      const edge = at.x + (right ? 34 : -34);
+      label.style.transform = `translate(${edge}px, ${at.y}px)`;
+      lead.setAttribute("d", `M${from.x} ${from.y}L${edge} ${at.y}`);
     });
     this.nameFigure(this.names.learner, this.learner, true);
     this.nameFigure(this.names.expert, this.expert, this.apart);
@@ -238,6 +250,7 @@ export class Stage {
       this.scene.add(this.points);
     }
     const valid = markers.filter((marker) => marker.valid);
+    this.canvas.dataset.points = String(valid.length);
     const places = new Float32Array(valid.flatMap(({ position }) => [position.x, position.y, position.z]));
     this.points.geometry.dispose();
     this.points.geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(places, 3));
@@ -325,15 +338,28 @@ export class Stage {
     this.scene.add(grid, axes);
   }
 
+  private refine(): void {
+    this.renderer.setPixelRatio(this.resolution.ratio);
+    this.renderer.setSize(this.size.width, this.size.height, false);
+    this.canvas.dataset.ratio = this.resolution.ratio.toFixed(2);
+    this.dirty = true;
+  }
+
   private resize(): void {
     const { width, height } = this.element.getBoundingClientRect();
     if (width === 0 || height === 0) return;
-    const first = this.size.width === 0;
+    const before = this.size.width === 0 ? undefined : this.distance();
     this.size = { width, height };
-    this.renderer.setSize(width, height, false);
+    this.resolution.reset();
+    this.refine();
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    if (first) this.view("front");
+    if (before === undefined) this.view("front");
+    else {  // as near as it was, by the size that the body fills
+      const place = this.spherical();
+      place.radius *= this.distance() / before;
+      this.place(place);
+    }
     this.dirty = true;
   }
 }
