@@ -17,6 +17,7 @@
 
 #include "bus/stop_state.h"
 #include "clients/cli/common.h"
+#include "clients/history/history.h"
 #include "clients/history/profiles.h"
 #include "clients/tactor_driver/driver_core.h"
 #include "clients/tactor_driver/guardian.h"
@@ -373,7 +374,16 @@ void calibrate(Options& options) {
     throw std::runtime_error("--out or --learner: expected one of them");
   }
   if (!options.learner.empty()) {
-    options.out = history::profile_of(Library().own_profiles(), options.learner);
+    const Library library;
+    // One that the history does not know would leave a profile that no deletion finds.
+    if (!std::filesystem::exists(library.own_history()) ||
+        !history::History(library.own_history()).learner(options.learner)) {
+      throw std::runtime_error(
+          fmt::format("--learner '{:.64}': expected an id that 'secondskin history learners' "
+                      "lists; 'secondskin history add' makes one",
+                      options.learner));
+    }
+    options.out = history::profile_of(library.own_profiles(), options.learner);
   }
   expect_writable(options.out);
   std::sort(options.channels.begin(), options.channels.end());

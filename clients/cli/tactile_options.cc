@@ -52,7 +52,13 @@ coach::TactileSetup TactileOptions::prepare(coach::BodyMap& map) const {
 }
 
 void TactileOptions::keep(const coach::BodyMap& map, const coach::ExposureState& exposure) const {
-  if (!profile.empty()) coach::save_exposure(exposure_file(), map, exposure, today());
+  if (profile.empty()) return;
+  if (!std::filesystem::exists(profile)) {
+    spdlog::warn("{}: deleted during the session; what the skin bore today is not kept",
+                 profile.string());
+    return;
+  }
+  coach::save_exposure(exposure_file(), map, exposure, today());
 }
 
 void add_tactile_options(CLI::App& command, TactileOptions& options) {

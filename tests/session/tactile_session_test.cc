@@ -42,16 +42,36 @@ std::filesystem::path own_profiles(const Session& session) {
   return data / "secondskin" / "learners";
 }
 
-std::vector<std::string> calibration(const Session& session, const std::string& map) {
+/// A new learner of the history in own_profiles()'s folder.
+std::string add_learner(const Session& session) {
+  Process add = session.start("add", {"history", "add", "--json"});
+  EXPECT_TRUE(add.wait(20s));
+  const std::string output = add.output();
+  return nlohmann::json::parse(output.substr(output.find("{\n")))["id"];
+}
+
+std::vector<std::string> calibration(const Session& session, const std::string& map,
+                                     const std::string& learner) {
   return session.on_bus({"calibrate", "tactors", "--port", session.port(), "--body-map", map,
-                         "--duration", "0.05", "--presentations", "3", "--learner", "L-7K3M9Q",
+                         "--duration", "0.05", "--presentations", "3", "--learner", learner,
                          "--json"});
+}
+
+/// A profile as calibration writes it, of five of the full body's tactors.
+void write_profile(const std::filesystem::path& file) {
+  std::filesystem::create_directories(file.parent_path());
+  std::ofstream out(file);
+  out << "body_map = \"full_body\"\n";
+  for (const int channel : {0, 1, 2, 3, 8}) {
+    out << "[[site]]\nchannel = " << channel << "\nthreshold = 0.4\nceiling = 0.7\nnamed = [";
+    for (int c = 0; c < 16; ++c) out << (c == channel ? 4 : 0) << (c < 15 ? ", " : "]\n");
+  }
 }
 
 TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
   const Session session;
   const auto profiles = own_profiles(session);
-  const std::string map = write_map(session);
+  const std::string learner = add_learner(session), map = write_map(session);
   const Process board = session.board();
   ASSERT_TRUE(eventually([&] { return std::filesystem::exists(session.waveform()); }, 10s));
   answers_file = session.folder / "answers";
@@ -59,7 +79,7 @@ TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
   // that answer another question are passed over.
   std::ofstream(answers_file) << lines("y", 40) << lines("g", 20) << lines("y", 40)
                               << lines("g", 20) << lines("0", 6);
-  Process calibrate = session.start("calibrate", calibration(session, map), read_answers);
+  Process calibrate = session.start("calibrate", calibration(session, map, learner), read_answers);
   ASSERT_TRUE(calibrate.wait(60s));
   ASSERT_EQ(calibrate.exit_code(), 0) << calibrate.output();
   const std::string output = calibrate.output();
@@ -70,7 +90,7 @@ TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
   EXPECT_EQ(result["sites"][0]["recognition"], 1.0);
   EXPECT_EQ(result["sites"][1]["recognition"], 0.0);
   EXPECT_EQ(result["sites"][1]["named"][0], 3);
-  EXPECT_NE(read_text(profiles / "L-7K3M9Q.toml").find("[[site]]"), std::string::npos);
+  EXPECT_NE(read_text(profiles / (learner + ".toml")).find("[[site]]"), std::string::npos);
 
   const auto rows = read_waveform(session.waveform());
   double strongest = 0.0;
@@ -83,18 +103,33 @@ TEST(CalibrateTactors, MeasuresByTheLearnersAnswersWithinTheMapsCeiling) {
 TEST(CalibrateTactors, KeepsNothingAndLeavesNothingOnWhenItIsEndedEarly) {
   const Session session;
   const auto profiles = own_profiles(session);
-  const std::string map = write_map(session);
+  const std::string learner = add_learner(session), map = write_map(session);
   const Process board = session.board();
   ASSERT_TRUE(eventually([&] { return std::filesystem::exists(session.waveform()); }, 10s));
   answers_file = session.folder / "answers";
   for (const std::string& end : {std::string(), std::string("q\n")}) {
     std::ofstream(answers_file) << "y\ny\n" << end;
-    Process calibrate = session.start("calibrate", calibration(session, map), read_answers);
+    Process calibrate =
+        session.start("calibrate", calibration(session, map, learner), read_answers);
     ASSERT_TRUE(calibrate.wait(30s));
     EXPECT_NE(calibrate.exit_code(), 0);
     EXPECT_TRUE(calibrate.says("nothing was saved")) << calibrate.output();
-    EXPECT_FALSE(std::filesystem::exists(profiles / "L-7K3M9Q.toml"));
+    EXPECT_FALSE(std::filesystem::exists(profiles / (learner + ".toml")));
     EXPECT_TRUE(eventually([&] { return !session.tactors_are_on(); }, 2s));
+  }
+}
+
+// One that no deletion would find.
+TEST(CalibrateTactors, RefusesALearnerWhomTheHistoryDoesNotKnow) {
+  const Session session;
+  const auto profiles = own_profiles(session);
+  const std::string map = write_map(session), learner = add_learner(session);
+  for (const std::string other : {"L-0000000", "../anna"}) {
+    Process calibrate = session.start("calibrate", calibration(session, map, other));
+    ASSERT_TRUE(calibrate.wait(20s));
+    EXPECT_NE(calibrate.exit_code(), 0);
+    EXPECT_TRUE(calibrate.says("--learner '" + other + "'")) << calibrate.output();
+    EXPECT_FALSE(std::filesystem::exists(profiles));
   }
 }
 
@@ -114,17 +149,9 @@ TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
   const Session session;
   const auto profiles = own_profiles(session);
   const std::string range = session.folder / "range.toml";
-  {
-    std::filesystem::create_directories(profiles);
-    std::ofstream out(profiles / "L-7K3M9Q.toml");
-    out << "body_map = \"full_body\"\n";
-    for (const int channel : {0, 1, 2, 3, 8}) {
-      out << "[[site]]\nchannel = " << channel << "\nthreshold = 0.4\nceiling = 0.7\nnamed = [";
-      for (int c = 0; c < 16; ++c) out << (c == channel ? 4 : 0) << (c < 15 ? ", " : "]\n");
-    }
-    std::ofstream(range) << "[limits_deg.right_elbow]\nflexion = [-10, 30]\n"
-                            "[limits_deg.left_elbow]\nflexion = [-10, 30]\n";
-  }
+  write_profile(profiles / "L-7K3M9Q.toml");
+  std::ofstream(range) << "[limits_deg.right_elbow]\nflexion = [-10, 30]\n"
+                          "[limits_deg.left_elbow]\nflexion = [-10, 30]\n";
   std::string last;
   for (const bool scaled : {false, true}) {
     const std::string recording = session.folder / (scaled ? "second.mcap" : "first.mcap");
@@ -148,6 +175,27 @@ TEST(TactileSession, IsReplayedWithTheLearnersProfileRangeAndExposure) {
     EXPECT_NE(exposure, last);
     last = exposure;
   }
+}
+
+TEST(TactileSession, KeepsNothingOfALearnerWhoWasDeletedMeanwhile) {
+  const Session session;
+  const auto profiles = own_profiles(session);
+  const std::string learner = add_learner(session);
+  write_profile(profiles / (learner + ".toml"));
+  Process run =
+      session.start("train", session.on_bus({"train", "--reference", "low_block", "--recording",
+                                             session.folder / "session.mcap", "--learner-profile",
+                                             learner, "--loop", "--dashboard-port", "0"}));
+  ASSERT_TRUE(
+      eventually([&] { return std::filesystem::exists(session.folder / "session.mcap"); }, 20s));
+  Process remove = session.start("delete", {"history", "delete", learner, "--yes"});
+  ASSERT_TRUE(remove.wait(20s));
+  ASSERT_EQ(remove.exit_code(), 0) << remove.output();
+  run.end(SIGTERM);
+  ASSERT_TRUE(run.wait(30s));
+  EXPECT_EQ(run.exit_code(), 0) << run.output();
+  EXPECT_TRUE(run.says("deleted during the session")) << run.output();
+  EXPECT_TRUE(std::filesystem::is_empty(profiles));
 }
 
 TEST(TactileSession, NamesLimitsThatTheMapCannotSay) {
