@@ -26,7 +26,7 @@ namespace msg = bus::msg;
 
 bus::Config config() {
   return {.subject = "takes_" + std::to_string(::getpid()),
-          .domain = 100U + static_cast<std::uint32_t>(::getpid()) % 120U,
+          .domain = 10U + static_cast<std::uint32_t>(::getpid()) % 90U,
           .qos_file = kRoot / "idl" / "qos.xml",
           .name = "takes_test"};
 }

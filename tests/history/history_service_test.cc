@@ -35,7 +35,7 @@ bool eventually(Condition done, std::chrono::seconds at_most = 20s) {
 bus::Participant& participant() {
   static bus::Participant it([] {
     bus::Config config;
-    config.domain = 100 + static_cast<std::uint32_t>(::getpid()) % 90;
+    config.domain = 10 + static_cast<std::uint32_t>(::getpid()) % 90;
     config.subject = "test_" + std::to_string(::getpid());
     config.qos_file = SECONDSKIN_SOURCE_DIR "/idl/qos.xml";
     config.name = "history_service_test";

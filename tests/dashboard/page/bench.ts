@@ -25,7 +25,7 @@ export class Bench {
 
   constructor(worker: number) {
     const own = process.pid * 8 + worker;
-    this.bus = ["--domain", String(100 + (own % 120)), "--subject", `page_${own}`];
+    this.bus = ["--domain", String(10 + (own % 90)), "--subject", `page_${own}`];
   }
 
   get url(): string { return `http://127.0.0.1:${this.port}/`; }
