@@ -4,8 +4,11 @@ import { mkdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import type { Page } from "@playwright/test";
 import { expect, test, type Bench } from "./bench";
+import { lengthen } from "./long";
 
 const REPETITIONS = 2;
+const LONG = 20 * 1024 * 1024;  // [bytes]
+const BLOCK = 512 * 1024;       // that the page asks for at once [bytes]
 
 async function record(bench: Bench, page: Page): Promise<void> {
   bench.tolerance = "0.5";
@@ -132,6 +135,21 @@ test("a recorded session is played, looped, re-run and compared", async ({ page,
   expect(await worn(1)).toBeLessThan(await worn(0));
   await page.getByRole("button", { name: "Re-run", exact: true }).click();
   await expect(page.locator(".pane").first()).toBeHidden();
+
+  // Of a long one the bridge gathers the states that are spread over it, and the page reads little else.
+  await lengthen(bench.recording, join(dirname(bench.recording), "long.mcap"), LONG);
+  const asked: string[] = [];
+  page.on("request", (request) => asked.push(new URL(request.url()).pathname));
+  await page.locator("#back").click();
+  await page.getByRole("link", { name: "Open long.mcap" }).click();
+  await expect(page.locator("#play")).toBeVisible();
+  expect(asked).toContain("/api/recordings/long.mcap/states");
+  await page.keyboard.press("End");
+  await expect(page.locator(".pane .score-bars button")).toHaveCount(REPETITIONS);
+  await expect(page.locator(".pane .exercise")).toHaveText("Low block");
+  expect(asked.filter((path) => path === "/api/recordings/monday.mcap/states")).toEqual([]);
+  expect(asked.filter((path) => path === "/api/recordings/long.mcap/file").length).toBeLessThan(LONG / BLOCK / 4);
+  rmSync(join(dirname(bench.recording), "long.mcap"));
 
   // A file without its end.
   await page.locator("#back").click();

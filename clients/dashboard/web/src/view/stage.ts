@@ -316,7 +316,8 @@ export class Stage {
 
   // From where we look: for whoever can not see it, and for tests.
   private sayWhere(): void {
-    const { phi, theta } = this.spherical();
+    const { phi, radius, theta } = this.spherical();
+    this.canvas.dataset.distance = radius.toFixed(2);
     this.canvas.dataset.azimuth = degrees(theta).toFixed(0);
     this.canvas.dataset.elevation = (90 - degrees(phi)).toFixed(0);
     this.dirty = true;
