@@ -26,6 +26,9 @@ using namespace std::chrono_literals;
 namespace {
 
 constexpr auto kHealthPeriod = 250ms;
+// A pose's message wakes the coach, too. Clients are sent theirs when the session's own work on it
+// is most likely done, together with what came of it.
+constexpr auto kSessionFirst = 4ms;
 
 // The channels that follow those of bus::kTopics, in the order of Drawn.
 std::size_t place_of(Drawn drawn) { return bus::kTopics.size() + static_cast<std::size_t>(drawn); }
@@ -212,7 +215,7 @@ DashboardCounts DashboardService::run(std::stop_token stop) {
   std::jthread scene([&s](std::stop_token over) { s.scene.run(over); });
   s.health.state(msg::SERVICE_RUNNING);
   while (!stop.stop_requested()) {
-    s.news.wait(kHealthPeriod);
+    if (s.news.wait(kHealthPeriod)) std::this_thread::sleep_for(kSessionFirst);
     s.forward_all();
     s.report();
   }
