@@ -23,16 +23,33 @@ function(add_test_group group test)
   add_dependencies(${group} ${test})
 endfunction()
 
-# secondskin_test(NAME SOURCES s... [LINK target...] [LABELS l...])
-# One GoogleTest program; the tests find the repository's data through SECONDSKIN_SOURCE_DIR.
+# secondskin_npm_check(NAME): installs NAME_check/ of this folder, a check.mjs with packages from npm,
+# before the tests of CHECK NAME.
+function(secondskin_npm_check name)
+  add_test(NAME ${name}_check_install
+           COMMAND ${CMAKE_COMMAND} -DSOURCE=${CMAKE_CURRENT_SOURCE_DIR}/${name}_check
+                   -DTARGET=${PROJECT_BINARY_DIR}/${name}_check
+                   -P ${PROJECT_SOURCE_DIR}/tests/install_npm.cmake)
+  set_tests_properties(${name}_check_install PROPERTIES FIXTURES_SETUP ${name}_check TIMEOUT 300)
+endfunction()
+
+# secondskin_test(NAME SOURCES s... [LINK target...] [LABELS l...] [TIMEOUT s] [CHECK c] [DEPENDS target...])
+# One GoogleTest program; the tests find the repository's data through SECONDSKIN_SOURCE_DIR, and what
+# secondskin_npm_check(c) installed through SECONDSKIN_C_CHECK.
 function(secondskin_test name)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIMEOUT" "SOURCES;LINK;LABELS;DEPENDS")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "TIMEOUT;CHECK" "SOURCES;LINK;LABELS;DEPENDS")
   add_executable(${name} ${arg_SOURCES})
   target_link_libraries(${name} PRIVATE ${arg_LINK} GTest::gtest GTest::gmock GTest::gtest_main)
   target_include_directories(${name} PRIVATE ${PROJECT_SOURCE_DIR})
   target_compile_definitions(${name} PRIVATE
     SECONDSKIN_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
     SECONDSKIN_PROGRAM="$<TARGET_FILE_DIR:${name}>/secondskin")
+  if(arg_CHECK)
+    string(TOUPPER ${arg_CHECK} check)
+    target_compile_definitions(${name} PRIVATE
+      SECONDSKIN_${check}_CHECK="${PROJECT_BINARY_DIR}/${arg_CHECK}_check/check.mjs")
+    set(fixture FIXTURES_REQUIRED ${arg_CHECK}_check)
+  endif()
   if(arg_DEPENDS)
     add_dependencies(${name} ${arg_DEPENDS})
   endif()
@@ -52,7 +69,7 @@ function(secondskin_test name)
   endif()
   gtest_discover_tests(${name} DISCOVERY_TIMEOUT 60
     TEST_LIST ${name}_TESTS
-    PROPERTIES TIMEOUT ${arg_TIMEOUT} ${serial}
+    PROPERTIES TIMEOUT ${arg_TIMEOUT} ${serial} ${fixture}
     # The user's own files are not a test's.
     ENVIRONMENT XDG_DATA_HOME=${PROJECT_BINARY_DIR}/tests/own_files)
   # gtest_discover_tests splits a list of labels; so they are set once the tests are known.
